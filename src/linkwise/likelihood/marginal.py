@@ -49,10 +49,10 @@ from linkwise.likelihood.shooting.minimise import (
     AnnealingSchedule,
     AnnealingStatus,
 )
-from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 from linkwise.likelihood.shooting.residuals import Loss, Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.system import MANY
 
 _PARTS, _LENGTH = 8, 500  # pieces of the records, and segments in each, whose log det stands for that of all
 _STEP = 0.5  # standard errors: for the differences of log det by an unknown

@@ -25,7 +25,6 @@ from linkwise.likelihood.random_forces import (
     system_with,
     with_random_forces,
 )
-from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.residuals import Gaussian, Misfit, evaluate
 from linkwise.likelihood.shooting.segmentation import (
     cut,
@@ -44,7 +43,7 @@ from linkwise.likelihood.shooting.segments import (
     Sensors,
     Waveforms,
 )
-from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.system import MANY, System
 from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import segment_nodes, start_states
 from linkwise.likelihood.terms import Block, Term, Unknown, with_integrated

@@ -39,7 +39,7 @@ from linkwise.likelihood.noise import (
 )
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
-from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information, linear_model
+from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
 from linkwise.likelihood.shooting.minimise import (
     Annealer,
     AnnealingFit,
@@ -47,7 +47,7 @@ from linkwise.likelihood.shooting.minimise import (
     AnnealingStatus,
     freedom,
 )
-from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.neighbourhoods import linear_model
 from linkwise.likelihood.shooting.normal_equations import Linearization
 from linkwise.likelihood.shooting.residuals import (
     Gaussian,
@@ -58,6 +58,7 @@ from linkwise.likelihood.shooting.residuals import (
     evaluate,
 )
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
+from linkwise.likelihood.shooting.system import MANY
 from linkwise.likelihood.shooting.tangents import CandidateForces
 
 # numbers that are tried: short blocks are many, long ones hold what residuals remember; each divides the one before

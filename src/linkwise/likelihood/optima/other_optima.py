@@ -48,9 +48,9 @@ from linkwise.likelihood.fit import CostShape, LikelihoodFit, inflation_beside_o
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.segments import A, F, Iterate, S, V, X
+from linkwise.likelihood.shooting.system import MANY
 from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 

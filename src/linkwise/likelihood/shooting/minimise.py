@@ -30,12 +30,17 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, border_step, excess
 from linkwise.likelihood.shooting.flow import LARGEST
-from linkwise.likelihood.shooting.linear_model import covariance, firm_factor, groups_at
-from linkwise.likelihood.shooting.local_equations import local_linearization
-from linkwise.likelihood.shooting.neighbourhoods import MANY, LocalRows, Neighbourhood
+from linkwise.likelihood.shooting.linear_model import covariance, firm_factor
+from linkwise.likelihood.shooting.neighbourhoods import (
+    LocalRows,
+    Neighbourhood,
+    groups_at,
+    local_linearization,
+)
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 from linkwise.likelihood.shooting.residuals import Loss, Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.system import MANY
 from linkwise.progress import Progress, ProgressReport, silent
 
 SLIGHT = 1e-3  # damping that changes no step

@@ -2,12 +2,13 @@
 
 Neighbouring masses form clusters. Their states and the coefficients of their links are columns of sensitivities that differ
 from zero only near them: how near follows from the sensitivities of some segments, computed for the whole structure. Rows of
-the Jacobian are computed group by group of columns, and products only of groups that meet in a row.
+the Jacobian are computed group by group of columns, and products only of groups that meet in a row (`local_linearization`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.shooting.normal_equations import (
+    Linearization,
+    Sums,
+    empty_model,
+    filled,
+    linearise,
+    summed,
+)
 from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments, V, X, as_slice
-from linkwise.likelihood.shooting.system import MANY as MANY
-from linkwise.likelihood.shooting.system import NumericSystem, System
+from linkwise.likelihood.shooting.system import MANY, NumericSystem, System
 from linkwise.likelihood.shooting.tangents import (
     CandidateForces,
     Single,
@@ -28,6 +36,7 @@ from linkwise.likelihood.shooting.tangents import (
     tangent_forces,
     units_of_states,
 )
+from linkwise.runtime import processors
 
 TOLERANCE = 1e-3
 """Of the largest sensitivity to an unknown, all in units of the noise and of the defects: the largest that is left out."""
@@ -387,3 +396,270 @@ class LocalRows:
                 for channel in np.flatnonzero(self.segments.sensors.offset == offset).tolist():
                     own = int(np.searchsorted(group.channels, channel))
                     data[:, own, :, first + place] = whiten[:, channel].T * unit
+
+
+_AT_ONCE = 400_000  # numbers in the sensitivities of a group in a chunk
+_HELD = 8_000_000  # numbers in the rows of all groups in a chunk
+
+
+def local_linearization(rows: LocalRows, executor: Executor | None = None, blocks: int = 1) -> Linearization:
+    """Gauss-Newton model at a point, chunk by chunk of segments, in single precision.
+
+    Parameters
+    ----------
+    rows : LocalRows
+        The Jacobian.
+    executor : Executor, optional
+        Threads.
+    blocks : int, optional
+        Consecutive blocks of segments by which the corner is summed.
+
+    Returns
+    -------
+    Linearization
+        The model.
+    """
+    segments, groups = rows.segments, rows.groups
+    pairs, p = _pairs(groups), sum(len(group.border) for group in groups)
+    model = empty_model(segments, rows.misfit, p, blocks, np.float32)
+    estimated = np.ones(p, dtype=bool)
+    if rows.errors is not None:  # what is tested beside these is asked for in no blocks
+        estimated[segments.system.parameters.size : rows.fixed] = False
+
+    def work(part: slice, pieces: list[slice]) -> list[Sums]:
+        by_group, residuals = rows.part(part)
+        ends, sums = [], list[Sums]()
+        for group, own in zip(groups, by_group, strict=True):
+            a = len(group.states)
+            moved = own.ends * model.joined[part][:, group.rows, None].astype(np.float32)
+            model.state_ends[part, group.rows[:, None], group.states] = moved[..., :a]
+            model.right_ends[part, group.rows[:, None], group.moving_border] = moved[..., a:]
+            ends.append(moved.astype(float))
+            by_data = _gradient(own.data, residuals[:, group.channels].astype(np.float32))
+            by_ends = _gradient(ends[-1], model.right_ends[part, :, p][:, group.rows])
+            model.right[part, group.states, p] = by_data[:, :a]
+            for corners, columns, own_sums in (
+                (model.of_data, group.border, by_data),
+                (model.of_defects, group.moving_border, by_ends),
+            ):
+                slopes = [own_sums[piece, a:].sum(axis=0, dtype=float) for piece in pieces]
+                sums.append((corners.gradients, (slice(None), columns), np.stack(slopes)))
+        for pair in pairs:
+            shown = _common_rows([by_group[number].data for number in pair.groups], pair.channels)
+            moving = _common_rows([ends[number] for number in pair.groups], pair.rows)
+            first, second = (groups[number] for number in pair.groups)
+            _put(model, part, (first, second), shown)
+            states = len(first.states), len(second.states)
+            for corners, both in ((model.of_data, shown), (model.of_defects, moving)):
+                (a, b), (own_rows, other_rows) = states, both
+                corner = np.stack([summed(own_rows[at, :, a:], other_rows[at, :, b:]) for at in pieces])
+                own_columns, others = first.border[: corner.shape[1]], second.border[: corner.shape[2]]
+                by_blocks = _by_blocks(corner, estimated[own_columns], estimated[others])
+                for at, own_places, other_places, added in by_blocks:
+                    places = (at, own_columns[own_places, None], others[other_places])
+                    sums.append((corners.matrices, places, added))
+                    if first is not second:
+                        places = (at, others[other_places, None], own_columns[own_places])
+                        sums.append((corners.matrices, places, added.transpose(0, 2, 1)))
+        return sums
+
+    parts = _chunks(groups, segments.count, len(segments.samples))
+    return filled(model, parts, work, executor, (segments, rows.misfit, rows.scales))
+
+
+def _by_blocks(
+    corner: Floats, first: Bools, second: Bools
+) -> Iterator[tuple[slice, Indices, Indices, Floats]]:
+    """The blocks to which a corner (b, q, q') adds, the places of its rows and columns, and what: to the first block of a part
+    all that is not estimated, `first` (q,) and `second` (q',), on both sides.
+    """
+    elsewhere = np.where(np.outer(first, second), 0.0, corner[1:].sum(axis=0))
+    yield slice(0, 1), np.arange(len(first)), np.arange(len(second)), corner[:1] + elsewhere
+    rows, columns = np.flatnonzero(first), np.flatnonzero(second)
+    yield slice(1, None), rows, columns, corner[1:, rows[:, None], columns]
+
+
+def _put(
+    model: Linearization,
+    part: slice,
+    groups: tuple[Neighbourhood, Neighbourhood],
+    rows: tuple[NDArray[Any], NDArray[Any]],
+) -> None:
+    """Put the products of common `rows` (k, r, P) and (k, r, P') of two groups into a model."""
+    (first, second), (own, others) = groups, rows
+    a, b = len(first.states), len(second.states)
+    states = own[:, :, :a].transpose(0, 2, 1) @ others
+    model.state[part, first.states[:, None], second.states] = states[..., :b]
+    model.right[part, first.states[:, None], second.border] = states[..., b:]
+    if first is not second:
+        model.state[part, second.states[:, None], first.states] = states[..., :b].transpose(0, 2, 1)
+        border = others[:, :, :b].transpose(0, 2, 1) @ own[:, :, a:]
+        model.right[part, second.states[:, None], first.border] = border
+
+
+@dataclass(frozen=True, eq=False)
+class _MeetingGroups:
+    """Two groups of columns, by number, whose columns meet in some rows: the places of these rows in each of them."""
+
+    groups: tuple[int, int]
+    channels: tuple[Indices, Indices]
+    rows: tuple[Indices, Indices]
+
+
+def _pairs(groups: Sequence[Neighbourhood]) -> list[_MeetingGroups]:
+    """The pairs of groups whose columns meet."""
+    pairs = []
+    for first, first_group in enumerate(groups):
+        for second in range(first, len(groups)):
+            second_group = groups[second]
+            _, *channels = np.intersect1d(first_group.channels, second_group.channels, return_indices=True)
+            _, *rows = np.intersect1d(first_group.rows, second_group.rows, return_indices=True)
+            if len(channels[0]) or len(rows[0]):
+                pairs.append(_MeetingGroups((first, second), (channels[0], channels[1]), (rows[0], rows[1])))
+    return pairs
+
+
+def _chunks(groups: Sequence[Neighbourhood], K: int, samples: int) -> list[slice]:
+    """The segments in an even number of parts of about equal length, for two threads.
+
+    The sensitivities of the largest group stay in a core's cache, and the rows of all groups, of so many `samples` of a
+    segment, do not take more memory where there are more masses.
+    """
+    largest = max(2 * len(group.masses) * group.size for group in groups)
+    numbers = sum((samples * len(group.channels) + len(group.rows)) * group.size for group in groups)
+    pairs = max(1, -(-K * largest // (2 * _AT_ONCE)), -(-K * numbers // (2 * _HELD)))
+    size = max(16, -(-K // (2 * pairs * 16)) * 16)
+    return [slice(first, min(first + size, K)) for first in range(0, K, size)]
+
+
+def _gradient(rows: NDArray[Any], missed: NDArray[Any]) -> NDArray[Any]:
+    """(k, P) products of rows (k, ..., P) with what they leave (k, ...)."""
+    k, size = len(rows), rows.shape[-1]
+    return np.asarray((missed.reshape(k, 1, -1) @ rows.reshape(k, -1, size))[:, 0])
+
+
+def _common_rows(
+    rows: Sequence[NDArray[Any]], common: tuple[Indices, Indices]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Rows (k, r, P) and (k, r, P') of two groups: those (k, r, ..., P) that they have in `common`."""
+    first, second = (
+        block[:, own] if isinstance(own := as_slice(which), slice) else np.take(block, own, axis=1)
+        for block, which in zip(rows, common, strict=True)
+    )
+    k, r = len(first), int(np.prod(first.shape[1:-1]))
+    return first.reshape(k, r, first.shape[-1]), second.reshape(k, r, second.shape[-1])
+
+
+_WORTHWHILE = 0.9  # of the sensitivities of the whole: what groups may have of them
+
+
+def linear_model(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    candidates: CandidateForces | None = None,
+    errors: SensorErrors | None = None,
+    blocks: int = 1,
+) -> Linearization:
+    """Gauss-Newton model at a point, in as many threads as there are processors; by groups of columns where there are any.
+
+    Parameters
+    ----------
+    segments, misfit, scales, loss, candidates, errors, blocks
+        As of `linearise`.
+
+    Returns
+    -------
+    Linearization
+        The model.
+    """
+    groups = groups_at(segments, misfit, scales, candidates, errors)
+    with ThreadPoolExecutor(processors()) as threads:
+        if groups:
+            rows = LocalRows(segments, misfit, scales, loss, groups, candidates, errors)
+            return local_linearization(rows, threads, blocks)
+        return linearise(segments, misfit, scales, loss, threads, candidates, errors, blocks)
+
+
+def groups_at(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    candidates: CandidateForces | None = None,
+    errors: SensorErrors | None = None,
+) -> list[Neighbourhood]:
+    """The groups of columns by which to linearise at a point: none where influences reach most of the structure.
+
+    Parameters
+    ----------
+    segments, misfit, scales, candidates, errors
+        As of `linearise`.
+
+    Returns
+    -------
+    list of Neighbourhood
+        The groups; where coefficients change little, what they reach does not.
+    """
+    if not _separable(segments):
+        return []
+    reached = reach(segments, misfit, scales)
+    origins = column_origins(segments, candidates, errors)
+    moving = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
+    groups = neighbourhoods(segments, reached, clusters(segments.system), origins, moving)
+    m, n = segments.system.dimension, len(segments.system.incidence)
+    handled = sum(len(group.masses) * group.size for group in groups)
+    return groups if handled < _WORTHWHILE * n * (m + len(origins)) else []
+
+
+def _separable(segments: Segments) -> bool:
+    """Whether there are many masses, and nothing that acts on all of them at once."""
+    sensors = segments.sensors
+    hosts = len(segments.system.points) > 0 or sensors.shapes is not None
+    return (
+        len(segments.system.incidence) >= MANY
+        and segments.random is None
+        and not hosts
+        and not sensors.gains
+        and not sensors.delays
+        and not sensors.waveforms
+    )
+
+
+def column_origins(
+    segments: Segments, candidates: CandidateForces | None, errors: SensorErrors | None
+) -> list[Indices]:
+    """Of each column of the border the masses on which the unknown acts, or whose sensors it changes.
+
+    Parameters
+    ----------
+    segments, candidates, errors
+        As of `linear_model`.
+
+    Returns
+    -------
+    list of array of int
+        The masses.
+    """
+    system, sensors = segments.system, segments.sensors
+    touched = [np.flatnonzero(column) for column in system.incidence.T]
+    masses: list[set[int]] = [set() for _ in range(system.parameters.size)]
+    for link, column, _ in system.interactions:
+        masses[column] |= set(touched[link].tolist())
+    for mass, column in np.argwhere(system.parameters.mass_map).tolist():
+        masses[column].add(mass)
+
+    def of_channel(channel: int) -> set[int]:
+        place = int(sensors.mass[channel])
+        if sensors.kind[channel] not in (F, S):
+            return {place}
+        return set(touched[int(system.state_links[place]) if sensors.kind[channel] == S else place].tolist())
+
+    if candidates is not None:
+        ends = zip(candidates.first.tolist(), candidates.second.tolist(), strict=True)
+        masses += [{end for end in pair if end >= 0} for pair in ends]
+    if errors is not None:
+        masses += [of_channel(channel) for channel in errors.channel.tolist()]
+    for offset in range(sensors.offsets):
+        masses.append(set().union(*map(of_channel, np.flatnonzero(sensors.offset == offset).tolist())))
+    return [np.array(sorted(own_masses), dtype=int) for own_masses in masses]
