@@ -17,8 +17,8 @@ from linkwise.estimates.causes import CAUSE_KINDS, FOUND, CauseKind, SensorError
 from linkwise.likelihood.options import OF_FORCE
 from linkwise.likelihood.problem import SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.normal_equations import whitened_jacobian
 from linkwise.likelihood.shooting.residuals import Gaussian, evaluate
+from linkwise.likelihood.shooting.tangents import whitened_jacobian
 from linkwise.likelihood.terms import ERRORS, Crosstalk, Delay, Drift, Gain, Shown, Term, Waveform
 from linkwise.likelihood.tests.columns import (
     FittedMotion,

@@ -12,10 +12,10 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.shooting.normal_equations import chunks, whitened_jacobian
+from linkwise.likelihood.shooting.normal_equations import chunks
 from linkwise.likelihood.shooting.residuals import Gaussian, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
-from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.shooting.tangents import CandidateForces, whitened_jacobian
 
 
 @dataclass(frozen=True, eq=False)

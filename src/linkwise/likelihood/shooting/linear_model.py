@@ -31,12 +31,11 @@ from linkwise.likelihood.shooting.normal_equations import (
     block_ends,
     chunks,
     linearise,
-    whitened_jacobian,
     with_common_shift,
 )
 from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import Scales, Segments
-from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.shooting.tangents import CandidateForces, whitened_jacobian
 from linkwise.runtime import processors
 
 _LOOSER = (3.0, 10.0, 30.0, 100.0)  # times the relaxation, for a covariance

@@ -12,7 +12,7 @@ segments, they are small from the start, and nothing else changes (`with_common_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -23,21 +23,22 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
-from linkwise.likelihood.shooting.flow import Inputs, input_along
-from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors, estimated_errors
+from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import (
-    A,
     Iterate,
     Prior,
     RandomStates,
     Scales,
     Segments,
-    Sensors,
-    V,
     add_starts,
     as_slice,
 )
-from linkwise.likelihood.shooting.tangents import CandidateForces, Single, shown_tangents, tangents
+from linkwise.likelihood.shooting.tangents import (
+    CandidateForces,
+    _errors,
+    _extra_columns,
+    whitened_jacobian,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,64 +70,6 @@ class Corners:
 
 Sums = tuple[Floats, tuple[Any, ...], Floats]
 """An array by blocks of segments, the places in some of its blocks, and what is added there."""
-
-
-def columns_of_forces(segments: Segments) -> Indices:
-    """The columns of gains, then of delays, of uncertain forces among those of the errors of sensors."""
-    uncertain, sensors = segments.inputs.uncertain, segments.sensors
-    if uncertain is None:
-        return np.empty(0, dtype=int)
-    gains, delays = (numbers[numbers >= 0] for numbers in (uncertain.gains, uncertain.delays))
-    return np.concatenate([sensors.offsets + gains, sensors.offsets + sensors.gains + delays])
-
-
-def changes_of_forces(
-    segments: Segments, point: Iterate, scales: Scales, part: slice
-) -> CandidateForces | None:
-    """The forces on masses, in some segments, per unit of each error of `columns_of_forces`; None without any."""
-    if segments.inputs.uncertain is None:
-        return None
-    uncertain = segments.inputs.uncertain.part(part)
-    force, rate = uncertain.acting(point.gains, point.delays)
-    scaled, late = np.flatnonzero(uncertain.gains >= 0), np.flatnonzero(uncertain.delays >= 0)
-    gains, delays = uncertain.gains[scaled], uncertain.delays[late]
-    units = scales.theta[len(point.theta) + len(point.offsets) :]
-    per_gain = -force[:, :, scaled] * (units[gains] / point.gains[gains])[:, None]
-    per_delay = rate[:, :, late] * units[len(point.gains) + delays][:, None]
-    changes = np.concatenate([per_gain, per_delay], axis=2)
-    ends = uncertain.ends[np.concatenate([scaled, late])]
-    along = input_along(changes, segments.flow_steps_per_tangent)
-    return CandidateForces(np.full(len(ends), -1), ends, along)
-
-
-def add_errors_of_sensors(
-    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, root: Floats, part: slice
-) -> None:
-    """The columns of errors of sensors; the rows of sensors with an unknown gain are scaled by it.
-
-    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing. What masses that uncertain forces move
-    show is in place.
-    """
-    sensors, point = segments.sensors, misfit.point
-    first, units = jacobian.shape[-1] - 1 - sensors.unknowns, scales.theta[len(point.theta) :]
-    factors, forces = sensors.factors(point.gains), first + columns_of_forces(segments)
-    for channel in sensors.scaled:
-        jacobian[:, :, channel, :first] *= np.float32(factors[channel])
-        jacobian[:, :, channel, forces] *= np.float32(factors[channel])
-    deviations = segments.deviations(scales, part)
-    for channel, number, values in estimated_errors(segments, misfit, part):
-        column = root[:, channel] * (values * units[number] / deviations[channel])
-        jacobian[:, :, channel, first + number] += column.T
-
-
-def add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whiten: Single) -> None:
-    """What sensors show of random forces directly, in segments of one sample."""
-    assert random.shown is not None
-    for channel, number in np.argwhere(random.shown):
-        row = random.rows[number]
-        jacobian[:, 0, channel, row] += whiten[0, channel] * np.float32(
-            random.shown[channel, number] * scales.state[row]
-        )
 
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
@@ -379,26 +322,6 @@ def summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:
     return total
 
 
-def _errors(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    part: slice,
-    errors: SensorErrors | None,
-) -> Iterator[tuple[int, Indices, Single]]:
-    """Of each channel with errors the numbers of these, and what they add to its samples, whitened (k, M, c)."""
-    if errors is None:
-        return
-    _, whiten = _weights(segments, misfit, scales, loss, part)
-    factors = segments.sensors.factors(misfit.point.gains)
-    for channel in np.unique(errors.channel).tolist():
-        numbers = np.flatnonzero(errors.channel == channel)
-        factor = factors[channel] if channel in segments.sensors.scaled else 1.0
-        columns = whiten[:, channel, None] * (factor * errors.values[:, numbers, part])
-        yield channel, numbers, np.ascontiguousarray(columns.transpose(2, 0, 1), np.float32)
-
-
 def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, scales: Scales) -> None:
     """Add the priors of unknowns to the border of a quadratic form, whose gradient is `gradient` (p,)."""
     columns = add_prior_curvature(corner, prior, scales, len(point.theta))
@@ -424,134 +347,6 @@ def _add_random_forces(model: Linearization, random: RandomStates, point: Iterat
         columns = np.arange(len(random.slope))
         columns[len(point.theta) :] += model.right.shape[2] - 1 - len(random.slope)
         model.of_data.gradients[0, columns] -= 0.5 * random.slope * scales.theta
-
-
-def whitened_jacobian(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    part: slice,
-    candidates: CandidateForces | None = None,
-    errors: SensorErrors | None = None,
-) -> tuple[Floats, Floats]:
-    """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n + S, P)."""
-    M, C, K = segments.samples[..., part].shape
-    P = segments.system.dimension + segments.parameters + _extra_columns(candidates, errors)
-    width = P - segments.sensors.unknowns
-    moving = width - (0 if errors is None else len(errors.channel))
-    root, whiten = _weights(segments, misfit, scales, loss, part)
-    jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
-    jacobian[..., P] = (root * misfit.pulling[..., part]).transpose(2, 0, 1)
-    columns = (moving, (width + columns_of_forces(segments)).tolist())
-    ends = _put_marched(jacobian, segments, misfit, scales, part, whiten, candidates, columns)
-    if segments.random is not None and segments.random.shown is not None:
-        add_shown_forces(jacobian, segments.random, scales, whiten)
-    add_errors_of_sensors(jacobian, segments, misfit, scales, root, part)
-    for channel, numbers, own in _errors(segments, misfit, scales, loss, part, errors):
-        jacobian[:, :, channel, moving + numbers] = own
-    ends /= scales.state[:, None]
-    return jacobian.reshape(K, M * C, P + 1), ends
-
-
-def _put_marched(
-    jacobian: NDArray[Any],
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    part: slice,
-    whiten: Single,
-    candidates: CandidateForces | None,
-    columns: tuple[int, list[int]],
-) -> Floats:
-    """Put what sensors show of the sensitivities, step by step; gives those at the ends (k, 2 n + S, P)."""
-    step = segments.step[part] * segments.flow_steps_per_tangent
-    mechanics = segments.system.at(misfit.point.theta)
-    sensors = segments.sensors.at(mechanics)
-    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
-    rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
-    shown = [
-        (
-            kind,
-            sources,
-            _late(sensors, misfit.point, kind),
-            channels,
-            (whiten[:, channels] * rates[kind]).astype(np.float32),
-        )
-        for kind, channels, sources in sensors.by_kind
-    ]
-    orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
-    forces, inputs = _acting(segments, misfit.point, scales, part, candidates)
-    steps = tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs=inputs)
-    refine, before = segments.tangent_refine, segments.tangents_before
-    for number, tangent in enumerate(steps):
-        sample, between = divmod(number - before, refine)
-        if tangent.acceleration is None or between:
-            continue
-        motions: Sequence[Single] = tangent.shown()
-        if sensors.shapes is not None:
-            motions = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, scales.theta))
-        for kind, sources, late, places, factors in shown:
-            rows = motions[kind][sources]
-            rows = rows.copy() if late else rows
-            for channel, delay, mass in late:
-                rows[channel] -= (delay * rates[V] * motions[kind + 1][mass]).astype(rows.dtype)
-            whitened = (rows * factors[sample, :, None]).transpose(2, 0, 1)
-            _put(jacobian, (slice(None), sample, places), whitened, columns)
-    ends = np.zeros((len(jacobian), segments.system.dimension, jacobian.shape[-1] - 1))
-    moved = (tangent.state[0], tangent.state[1] * rates[V], tangent.memory)
-    for own, change in zip((slice(0, n), slice(n, 2 * n), slice(2 * n, None)), moved, strict=True):
-        _put(ends, (slice(None), own), change.transpose(2, 0, 1), columns)
-    return ends
-
-
-def _late(sensors: Sensors, point: Iterate, kind: int) -> list[tuple[int, np.floating[Any], int]]:
-    """Of the channels of one kind those that are late: the place among them, the delay in s to first order, and the mass."""
-    if kind >= A or not len(sensors.delay):
-        return []
-    channels = np.flatnonzero(sensors.kind == kind)
-    late = ((place, int(channel)) for place, channel in enumerate(channels) if sensors.delay[channel] >= 0)
-    return [
-        (place, point.delays[sensors.delay[channel]], int(sensors.mass[channel])) for place, channel in late
-    ]
-
-
-def _acting(
-    segments: Segments, point: Iterate, scales: Scales, part: slice, candidates: CandidateForces | None
-) -> tuple[CandidateForces | None, Inputs]:
-    """The candidates in some segments, behind them what the unknowns of uncertain forces change, and the inputs there."""
-    forces, inputs = candidates and candidates.part(part), segments.inputs.part(part)
-    changes = changes_of_forces(segments, point, scales, part)
-    if changes is None:
-        return forces, inputs
-    return changes if forces is None else forces.joined(changes), inputs.at(point.gains, point.delays)
-
-
-def _put(
-    target: NDArray[Any],
-    place: tuple[slice | int | Indices, ...],
-    block: NDArray[Any],
-    columns: tuple[int, list[int]],
-) -> None:
-    """Put a block, of as many columns as come first in the target, and then of single ones there, into a place of it."""
-    first, single = columns
-    target[(*place, slice(first))] = block[..., :first]
-    for number, column in enumerate(single, start=first):
-        target[(*place, column)] = block[..., number]
-
-
-def _weights(
-    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice
-) -> tuple[Floats, Single]:
-    """(M, C, k) square roots of the weights of samples, 0 where one is missing, and what whitens what sensors show."""
-    root = misfit.roots(segments, loss, part)
-    return root, (root / segments.deviations(scales, part)).astype(np.float32)
-
-
-def _extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:
-    """Number of columns behind those of the parameters."""
-    of_candidates = 0 if candidates is None else len(candidates.first)
-    return of_candidates + (0 if errors is None else len(errors.channel))
 
 
 _INDEPENDENT = (

@@ -33,10 +33,10 @@ from linkwise.likelihood.shooting.linear_model import (
     precise_model,
     tested_in_pieces,
 )
-from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, linearise, whitened_jacobian
+from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import A, Segments
-from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents
+from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents, whitened_jacobian
 from linkwise.model.coefficient import MASS, Coefficient
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import BASE, GROUND, Link

@@ -45,10 +45,15 @@ from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor
-from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
+from linkwise.likelihood.shooting.normal_equations import (
+    Linearization,
+    chunks,
+    linearise,
+)
 from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import MANY
+from linkwise.likelihood.shooting.tangents import whitened_jacobian
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE
 from linkwise.records.channel_units import unit_in
