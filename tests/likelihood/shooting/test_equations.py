@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.likelihood.shooting.bordered_system import BorderedSystem, Damping, excess
 from linkwise.likelihood.shooting.linear_model import covariance
+from linkwise.likelihood.shooting.normal_equations import (
+    BorderedSystem,
+    Damping,
+    excess,
+)
 from linkwise.likelihood.shooting.segments import Scales
 
 

@@ -23,8 +23,7 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.bordered_system import BorderedSystem
-from linkwise.likelihood.shooting.normal_equations import linearise
+from linkwise.likelihood.shooting.normal_equations import BorderedSystem, linearise
 from linkwise.likelihood.shooting.residuals import (
     Gaussian,
     Huber,

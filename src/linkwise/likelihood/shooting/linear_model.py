@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem
 from linkwise.likelihood.shooting.normal_equations import (
+    BorderedFactor,
+    BorderedSystem,
     Linearization,
     add_prior,
     block_ends,

@@ -28,7 +28,6 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor, border_step, excess
 from linkwise.likelihood.shooting.flow import LARGEST
 from linkwise.likelihood.shooting.linear_model import covariance, firm_factor
 from linkwise.likelihood.shooting.neighbourhoods import (
@@ -37,7 +36,13 @@ from linkwise.likelihood.shooting.neighbourhoods import (
     groups_at,
     local_linearization,
 )
-from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
+from linkwise.likelihood.shooting.normal_equations import (
+    BorderedFactor,
+    Linearization,
+    border_step,
+    excess,
+    linearise,
+)
 from linkwise.likelihood.shooting.residuals import Loss, Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import MANY

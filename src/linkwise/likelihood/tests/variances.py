@@ -44,8 +44,8 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor
 from linkwise.likelihood.shooting.normal_equations import (
+    BorderedFactor,
     Linearization,
     chunks,
     linearise,
