@@ -415,7 +415,7 @@ def _random_inputs(
         Those, with an amplitude for each sample of each input.
     """
     misfit = evaluate(segments, point, scales, Gaussian())
-    motion = FittedMotion(Optimum(segments, misfit, scales, 0.0, 1.0, Gaussian()), structure)
+    motion = FittedMotion(Optimum(misfit, 0.0, 1.0), structure)
     every, sums, steps = [], [], 2 * refinement // segments.flow_steps_per_tangent
     for name, sigma in noise.items():
         pulls = _pulls(motion, structure, name)  # (2 J + 1, n, K)

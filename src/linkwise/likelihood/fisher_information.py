@@ -128,10 +128,10 @@ def fisher_information(
         0 if random is None else random.sums.shape[1],
     )
     forces = None if random is None else random.forces
-    misfit, loss = evaluate(segments, point, scales, Gaussian()), Gaussian()
+    misfit = evaluate(segments, point, scales, Gaussian())
     fisher, diagonal = np.zeros((p, p)), np.zeros(p)
     for part in chunks(segments, p + (0 if forces is None else len(forces.first))):
-        rows, _ = whitened_jacobian(segments, misfit, scales, loss, part, forces)
+        rows, _ = whitened_jacobian(misfit, part, forces)
         states, theta, acting = np.split(rows[..., :-1].astype(float), [m, m + p], axis=2)
         if random is not None:
             known = np.broadcast_to(np.eye(d), (len(rows), d, d))

@@ -414,12 +414,9 @@ def _fitted(
         status=fit.status,
         path=fit.path,
         optimum=Optimum(
-            segments,
-            fit.misfit,
-            fit.scales,
+            replace(fit.misfit, segments=segments),
             fit.q,
             explained.noise,
-            annealer.loss,
             explained.coloured,
             None if explained.coloured is None else fit.covariance[:p, :p],
         ),

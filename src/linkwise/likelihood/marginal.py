@@ -349,7 +349,7 @@ class _LogDeterminant:
     def linear(self) -> Linearization:
         """The linearised equations."""
         misfit = evaluate(self.segments, self.point, self.scales, self.annealer.loss)
-        return linearise(self.segments, misfit, self.scales, self.annealer.loss, self.annealer.executor)
+        return linearise(misfit, self.annealer.executor)
 
     def _inverse_blocks(self) -> Floats:
         """(K, m, m) blocks of the inverse of those of the states; zeros where they are singular."""

@@ -207,7 +207,7 @@ def _grid_search(
 
 def evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tuple[float, float]:
     """The most likely factor on the noise (and on q) of this orbit, and -2 log of the marginal likelihood with it."""
-    linear = linear_model(segments, fit.misfit, fit.scales, loss)
+    linear = linear_model(fit.misfit)
     factor = linear.equations(q).factor()
     if factor is None:
         return 1.0, np.inf
@@ -632,7 +632,7 @@ def with_coloured_noise(segments: Segments, fit: AnnealingFit, annealer: Anneale
 def _covariance(
     segments: Segments, fit: AnnealingFit, noise: ColouredNoise, annealer: Annealer
 ) -> Floats | None:
-    rows = eliminated_rows(segments, fit.misfit, fit.scales, annealer.loss, fit.q)
+    rows = eliminated_rows(fit.misfit, fit.q)
     if rows is None:
         return None
     units = fit.scales.theta

@@ -79,34 +79,40 @@ class Optimum:
 
     Attributes
     ----------
-    segments : Segments
-        The records in segments.
     misfit : Misfit
         Residuals and defects at the optimum.
-    scales : Scales
-        Units of the unknowns.
     q : float
         Relaxation of the continuity of the segments.
     noise : float
         Factor on the standard deviations in `scales`.
-    loss : Loss
-        Loss of a residual.
     coloured : ColouredNoise or None
         The noise where it is coloured; the cost takes it for white.
     of_white : array of shape (p, p) or None
         The covariance that the cost alone gives, where the noise is coloured.
     """
 
-    segments: Segments
     misfit: Misfit
-    scales: Scales
     q: float
     noise: float
-    loss: Loss
     coloured: ColouredNoise | None = None
     of_white: Floats | None = None
 
-    @cached_property
+    @property
+    def segments(self) -> Segments:
+        """The records in segments."""
+        return self.misfit.segments
+
+    @property
+    def scales(self) -> Scales:
+        """Units of the unknowns."""
+        return self.misfit.scales
+
+    @property
+    def loss(self) -> Loss:
+        """Loss of a residual."""
+        return self.misfit.loss
+
+    @property
     def point(self) -> Iterate:
         """The unknowns."""
         return self.misfit.point
@@ -136,15 +142,7 @@ class Optimum:
         self, candidates: CandidateForces | None = None, errors: SensorErrors | None = None, blocks: int = 1
     ) -> Linearization:
         """Gauss-Newton blocks, with amplitudes of `candidates` and sizes of `errors` among the unknowns."""
-        return linear_model(
-            self.segments,
-            self.misfit,
-            self.scales,
-            self.loss,
-            candidates=candidates,
-            errors=errors,
-            blocks=blocks,
-        )
+        return linear_model(self.misfit, candidates, errors, blocks)
 
     def block_scores(self, blocks: int, candidates: CandidateForces | None = None) -> BlockScores | None:
         """Scores of so many consecutive blocks of segments; None where the equations are singular.
@@ -388,7 +386,7 @@ def within_reach(segments: Segments, start: Iterate, scales: Scales, loss: Loss)
         if not wild.any():
             break
         calmer = replace(misfit.point, nodes=np.where(wild, 0.5, 1.0) * misfit.point.nodes)
-        misfit = evaluate(segments, calmer, scales, loss)
+        misfit = misfit.at(calmer)
         wild = _runs_away(segments, misfit, scales)
     return misfit
 
@@ -417,7 +415,7 @@ def states_by_held_laws(segments: Segments, start: Misfit, scales: Scales, annea
     system, theta = segments.system, start.point.theta
     fixed_system = replace(system, parameters=replace(system.parameters, lower=theta, upper=theta))
     fit = annealer(replace(segments, system=fixed_system), start, scales, _SCHEDULE)
-    return evaluate(segments, replace(start.point, nodes=fit.point.nodes), scales, annealer.loss)
+    return start.at(replace(start.point, nodes=fit.point.nodes))
 
 
 def _runs_away(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
@@ -570,7 +568,7 @@ def _with_model_error(
     chi_square = factor**2
     ratios: Floats | None = np.ones(len(fit.covariance))
     if not did_not_converge(fit):
-        optimum = Optimum(segments, fit.misfit, fit.scales, fit.q, factor, annealer.loss)
+        optimum = Optimum(fit.misfit, fit.q, factor)
         scatter = block_scatter(optimum, ~fit.at_bound)
         ratios = None if scatter is None else scatter.ratios
     judged = ratios is not None and _are_small(segments, fit)

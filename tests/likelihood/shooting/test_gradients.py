@@ -141,7 +141,7 @@ def test_the_gradient_is_the_costs_difference(
     segments: Segments, scales: Scales, point: Iterate, loss: Loss, beside: dict[int, list[Misfit]], q: float
 ) -> None:
     misfit = evaluate(segments, point, scales, loss)
-    equations = linearise(segments, misfit, scales, loss).equations(q)
+    equations = linearise(misfit).equations(q)
     computed = gradient(equations)
     curvature = np.concatenate([np.einsum("kii->ki", equations.diagonal).ravel(), np.diag(equations.corner)])
     expected, checked = np.zeros_like(computed), some(beside)
@@ -238,7 +238,7 @@ def test_slopes_by_errors_of_sensors_are_the_costs_differences(kind: str, q: flo
     def cost(border: np.ndarray) -> float:
         return evaluate(segments, point.moved(point.nodes, border), scales, Gaussian()).cost(q)
 
-    linear = linearise(segments, evaluate(segments, point, scales, Gaussian()), scales, Gaussian())
+    linear = linearise(evaluate(segments, point, scales, Gaussian()))
     computed = -2.0 * linear.equations(q).corner_gradient
     names = [parameter.name for parameter in true.unknown("all").parameters]
     shapes = [number for number, name in enumerate(names) if ".shape." in name]

@@ -259,8 +259,8 @@ def _tightened(optimum: Optimum, factor: float) -> Optimum:
     if random is None:
         return replace(optimum, q=max(factor * optimum.q, AnnealingSchedule.final_q))
     quieter = replace(random.scaled(np.full(len(random.rows), factor)), slope=None, origin=None)
-    segments = replace(segments, random=quieter)
-    return replace(optimum, segments=segments, q=relaxation(segments, optimum.scales, optimum.point))
+    misfit = replace(optimum.misfit, segments=replace(segments, random=quieter))
+    return replace(optimum, misfit=misfit, q=relaxation(misfit.segments, optimum.scales, optimum.point))
 
 
 def _diagnosed(

@@ -508,7 +508,7 @@ def _stays_chaotic(fit: LikelihoodFit) -> bool:
     acting = [values for values in (inputs.force, inputs.base, inputs.frame) if values is not None]
     if not acting or len(fit.segments.system.incidence) >= MANY:
         return False
-    linear = linearise(optimum.segments, fit.misfit, optimum.scales, optimum.loss)
+    linear = linearise(optimum.misfit)
     apart = np.random.default_rng(_SEED).normal(size=linear.joined.shape[1])
     parted = most = 0.0
     for end, joined in zip(linear.state_ends, linear.joined, strict=True):

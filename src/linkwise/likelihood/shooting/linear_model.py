@@ -34,7 +34,7 @@ from linkwise.likelihood.shooting.normal_equations import (
     linearise,
     with_common_shift,
 )
-from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import Scales, Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces, whitened_jacobian
 from linkwise.runtime import processors
@@ -180,16 +180,14 @@ class EliminatedRows:
 
 
 def eliminated_rows(
-    segments: Segments,
     misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
     q: float,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
 ) -> Iterator[EliminatedRows] | None:
     """The rows of all segments, chunk by chunk; None where the equations are singular."""
-    linear = linearise(segments, misfit, scales, loss, candidates=candidates, errors=errors)
+    segments = misfit.segments
+    linear = linearise(misfit, candidates=candidates, errors=errors)
     factor = linear.equations(q).factor()
     if factor is None:
         return None
@@ -200,7 +198,7 @@ def eliminated_rows(
     weights[:-1], missed[:-1] = segments.link_weights.T, misfit.defects.reshape(m, -1).T
 
     def chunk(part: slice) -> EliminatedRows:
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
+        rows, ends = whitened_jacobian(misfit, part, candidates, errors)
         node = follow[part]
         defects = ends[..., m:] - ends[..., :m] @ node + following[part]
         defects *= weights[part, :, None] / q
@@ -281,19 +279,13 @@ def but_the_last(equations: BorderedSystem, before: BorderedFactor | None) -> Bo
 
 
 def tested_in_pieces(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    q: float,
-    candidates: CandidateForces,
-    errors: SensorErrors | None,
+    misfit: Misfit, q: float, candidates: CandidateForces, errors: SensorErrors | None
 ) -> BorderedFactor | None:
     """The equations of parameters and of sizes of what is tested, all nodes eliminated.
 
     Parameters
     ----------
-    segments, misfit, scales, loss, candidates, errors
+    misfit, candidates, errors
         As of `linearise`.
     q : float
         Relaxation.
@@ -303,13 +295,14 @@ def tested_in_pieces(
     BorderedFactor or None
         The factor, of which `schur` and `reduced` are these equations; None where they are not positive definite.
     """
+    segments = misfit.segments
     left: BorderedFactor | None = None
     with ThreadPoolExecutor(processors()) as executor:
         for first, last in pairwise(piece_ends(segments.linked).tolist()):
             part = slice(first, last + 1)
             some = None if errors is None else replace(errors, values=errors.values[..., part])
-            piece, forces = piece_between(segments, first, last), candidates.part(part)
-            linear = linearise(piece, misfit.part(part), scales, loss, executor, forces, some)
+            piece = misfit.part(part, piece_between(segments, first, last))
+            linear = linearise(piece, executor, candidates.part(part), some)
             left = but_the_last(linear.equations(q), left).factor()
             if left is None:
                 return None
@@ -317,7 +310,7 @@ def tested_in_pieces(
     m = len(misfit.point.nodes)
     corner, gradient = left.schur[m:, m:].copy(), left.reduced[m:].copy()
     if segments.prior is not None:
-        add_prior(corner, gradient, segments.prior, misfit.point, scales)
+        add_prior(corner, gradient, segments.prior, misfit.point, misfit.scales)
     right = np.column_stack([left.schur[:m, m:], left.reduced[:m]])
     return BorderedSystem(
         left.schur[None, :m, :m], np.empty((0, m, m)), right[None], corner, gradient

@@ -57,6 +57,8 @@ class DampedEquations:
 
     Attributes
     ----------
+    linear : Linearization
+        The linearised problem.
     gradient : tuple of array of shape (K, m) and (p,)
         The gradient of the nodes and of the border.
     factor : BorderedFactor or None
@@ -67,6 +69,7 @@ class DampedEquations:
         Levenberg-Marquardt parameter.
     """
 
+    linear: Linearization
     gradient: tuple[Floats, Floats]
     factor: BorderedFactor | None
     q: float
@@ -77,28 +80,22 @@ class DampedEquations:
         """Those of a linearization."""
         equations = linear.equations(q)
         gradient = equations.gradient
-        return cls(gradient, equations.factor(linear.damping(damping)), q, damping)
+        return cls(linear, gradient, equations.factor(linear.damping(damping)), q, damping)
 
     def undamped_factor(self, q: float) -> BorderedFactor | None:
         """The factor where it is that without damping at a relaxation, else None."""
         return self.factor if (self.q, self.damping) == (q, 0.0) else None
 
 
-def damped_step(
-    segments: Segments, damped: DampedEquations, misfit: Misfit, scales: Scales, length: float
-) -> tuple[Iterate, float] | None:
+def damped_step(damped: DampedEquations, misfit: Misfit, length: float) -> tuple[Iterate, float] | None:
     """A damped Gauss-Newton step; parameters that it would take out of their bounds go to them, the others with them.
 
     Parameters
     ----------
-    segments : Segments
-        The records in segments.
     damped : DampedEquations
         The equations at the present point.
     misfit : Misfit
         Misfit there.
-    scales : Scales
-        Units of the unknowns.
     length : float
         Fraction of the step to take.
 
@@ -110,44 +107,36 @@ def damped_step(
     (by_nodes, by_border), factor = damped.gradient, damped.factor
     if factor is None:
         return None
-    bounded = _within_bounds(segments, factor, misfit, scales, length)
-    solved = None if bounded is None else factor.solve(bounded.free, bounded.fixed)
-    if bounded is None or solved is None:
+    bounded = _within_bounds(factor, misfit, length)
+    if bounded is None:
         return None
-    nodes, border = length * solved[0], length * solved[1]
-    moved = (nodes * scales.state).T
-    point = misfit.point.moved(misfit.point.nodes + moved, bounded.border)
-    left = excess(factor.schur, factor.reduced, solved[1], bounded.free)
-    drop = float(np.vdot(by_nodes, nodes) + by_border @ border)
+    free, fixed, border = bounded
+    solved = factor.solve(free, fixed)
+    if solved is None:
+        return None
+    nodes, change = length * solved[0], length * solved[1]
+    point = misfit.point.moved(misfit.point.nodes + (nodes * misfit.scales.state).T, border)
+    left = excess(factor.schur, factor.reduced, solved[1], free)
+    drop = float(np.vdot(by_nodes, nodes) + by_border @ change)
     predicted = (2.0 - length) * drop - length**2 * left
     return point, predicted
 
 
-@dataclass(frozen=True, eq=False)
-class _BorderStep:
-    """A step of the unknowns of the border: which were `free` (P,) of their bounds, where the others were `fixed` (P,), in
-    scaled unknowns, the whole `step` (P,) in these, and the `border` (P,) to which the part asked for leads.
-    """
-
-    free: Bools
-    fixed: Floats
-    step: Floats
-    border: Floats
-
-
 def _within_bounds(
-    segments: Segments, equations: BorderedFactor, misfit: Misfit, scales: Scales, length: float
-) -> _BorderStep | None:
-    """The part `length` of the step that equations of the border ask for, with unknowns that would pass a bound held there."""
-    lower, upper = bounds(segments)
-    old = misfit.point.border
-    free, ends = np.ones(segments.parameters, bool), old.copy()
+    equations: BorderedFactor, misfit: Misfit, length: float
+) -> tuple[Bools, Floats, Floats] | None:
+    """The part `length` of the step that equations of the border ask for, with unknowns that would pass a bound held there:
+    which of them were free (P,), where the others were fixed (P,), in scaled unknowns, and the border (P,) that this leads to.
+    """
+    lower, upper = bounds(misfit.segments)
+    old, unit = misfit.point.border, misfit.scales.theta
+    free, ends = np.ones(len(old), bool), old.copy()
     while True:
-        fixed = (ends - old) / scales.theta
+        fixed = (ends - old) / unit
         step = border_step(equations.schur, equations.reduced, free, fixed)
         if step is None:
             return None
-        new = old + length * step * scales.theta
+        new = old + length * step * unit
         outside = free & ((new < lower) | (new > upper))
         if not outside.any():
             break
@@ -155,7 +144,7 @@ def _within_bounds(
         free &= ~outside
     if length == 1.0:
         new = np.where(free, new, ends)  # to the last digit
-    return _BorderStep(free, fixed, step, np.clip(new, lower, upper))
+    return free, fixed, np.clip(new, lower, upper)
 
 
 def bounds(segments: Segments) -> tuple[Floats, Floats]:
@@ -426,15 +415,7 @@ _CORRECTIONS = 6  # at most; a trial costs a tenth of a linearisation of many ma
 _SLOW = 0.5  # of the cost: a correction that leaves more, and no reduction, is the last
 
 
-def curved_step(
-    segments: Segments,
-    linear: Linearization,
-    damped: DampedEquations,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    length: float,
-) -> tuple[Misfit, float, float] | None:
+def curved_step(damped: DampedEquations, misfit: Misfit, length: float) -> tuple[Misfit, float, float] | None:
     """A damped step, corrected for the curvature of the flow where it gains much less than was predicted.
 
     That is done where noise explains the residuals. A search that cannot hold the motion to wrong laws had better not end: the
@@ -443,12 +424,8 @@ def curved_step(
 
     Parameters
     ----------
-    segments, damped, misfit, scales, length
+    damped, misfit, length
         As of `damped_step`.
-    linear : Linearization
-        The linearised problem.
-    loss : Loss
-        Loss of a residual.
 
     Returns
     -------
@@ -456,25 +433,24 @@ def curved_step(
         The misfit behind the step, the predicted reduction of the cost, and what of it may be left: all after a correction,
         which meets the prediction along a bend where the gradient turns. None where the equations are not positive definite.
     """
-    attempt = damped_step(segments, damped, misfit, scales, length)
+    attempt = damped_step(damped, misfit, length)
     if attempt is None:
         return None
     q, predicted, before = damped.q, attempt[1], misfit.cost(damped.q)
-    best = plain = evaluate(segments, attempt[0], scales, loss)
+    best = plain = misfit.at(attempt[0])
     counted, behind = np.zeros(1), None
-    for _ in range(_CORRECTIONS if is_explained(segments, misfit, loss) else 0):
+    for _ in range(_CORRECTIONS if is_explained(misfit) else 0):
         cost = best.cost(q)
         if before - cost > _ENOUGH * predicted or not np.isfinite(cost):
             break
-        added = _added_defects(linear, misfit, best, scales)
+        added = _added_defects(damped.linear, misfit, best)
         last = added, added - counted
         counted = added if behind is None else _extrapolated(last, behind)
         behind = last
-        corrected = _with_defects(damped, linear, counted, length)
-        attempt = damped_step(segments, corrected, misfit, scales, length)
+        attempt = damped_step(_with_defects(damped, counted, length), misfit, length)
         if attempt is None:
             break
-        trial = evaluate(segments, attempt[0], scales, loss)
+        trial = misfit.at(attempt[0])
         if not trial.cost(q) < cost:
             break
         best = trial
@@ -492,21 +468,13 @@ def _extrapolated(last: tuple[Floats, Floats], before: tuple[Floats, Floats]) ->
     return added - (float(np.vdot(turn, wrong)) / length if length else 0.0) * (earlier - added)
 
 
-def is_settled(
-    segments: Segments,
-    linear: Linearization,
-    damped: DampedEquations,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    little: float,
-) -> bool:
+def is_settled(damped: DampedEquations, misfit: Misfit, little: float) -> bool:
     """Whether a full step would gain as little as the last, damped one: always where the laws leave more than noise.
 
     Parameters
     ----------
-    segments, linear, damped, misfit, scales, loss
-        As of `curved_step`.
+    damped, misfit
+        As of `damped_step`.
     little : float
         A reduction of the cost that ends the search.
 
@@ -515,30 +483,20 @@ def is_settled(
     bool
         Whether the search may end.
     """
-    if damped.damping < SLIGHT or not is_explained(segments, misfit, loss):
+    if damped.damping < SLIGHT or not is_explained(misfit):
         return True
-    attempt = damped_step(segments, DampedEquations.of(linear, damped.q, 0.0), misfit, scales, 1.0)
+    attempt = damped_step(DampedEquations.of(damped.linear, damped.q, 0.0), misfit, 1.0)
     return attempt is not None and attempt[1] < little
 
 
-def is_explained(segments: Segments, misfit: Misfit, loss: Loss) -> bool:
-    """Whether the residuals of a misfit are hardly more than noise.
-
-    Parameters
-    ----------
-    segments, misfit, loss
-        As of `curved_step`.
-
-    Returns
-    -------
-    bool
-        Whether they are.
-    """
-    return bool(misfit.data < _EXPLAINED * loss.expected * int(segments.observed.sum()))
+def is_explained(misfit: Misfit) -> bool:
+    """Whether the residuals of a misfit are hardly more than noise."""
+    return bool(misfit.data < _EXPLAINED * misfit.loss.expected * int(misfit.segments.observed.sum()))
 
 
-def _added_defects(linear: Linearization, misfit: Misfit, moved: Misfit, scales: Scales) -> Floats:
+def _added_defects(linear: Linearization, misfit: Misfit, moved: Misfit) -> Floats:
     """(K - 1, m) defects that the curvature of the flow adds to the linearised ones on the way to `moved`."""
+    scales = misfit.scales
     nodes = ((moved.point.nodes - misfit.point.nodes) / scales.state[:, None]).T
     border = (moved.point.border - misfit.point.border) / scales.theta
     added = (moved.defects - misfit.defects).reshape(nodes.shape[1], -1).T
@@ -546,12 +504,10 @@ def _added_defects(linear: Linearization, misfit: Misfit, moved: Misfit, scales:
     return np.asarray(added - (change - linear.right_ends[..., :-1] @ border))
 
 
-def _with_defects(
-    damped: DampedEquations, linear: Linearization, added: Floats, length: float
-) -> DampedEquations:
+def _with_defects(damped: DampedEquations, added: Floats, length: float) -> DampedEquations:
     """The equations with defects (K - 1, m) beside the linearised ones at the end of a step of this length."""
     assert damped.factor is not None
-    nodes, border = pull_of_defects(linear, added / (length * damped.q**2))
+    nodes, border = pull_of_defects(damped.linear, added / (length * damped.q**2))
     return replace(damped, factor=damped.factor.moved(nodes, border))
 
 
@@ -580,8 +536,6 @@ class AnnealingFit:
         Residuals and defects at the end.
     q : float
         Last relaxation.
-    scales : Scales
-        Units of the unknowns.
     covariance : array of shape (p + o + g, p + o + g)
         Covariance of parameters, offsets and gains; zero at bounds.
     at_bound : array of bool, shape (p + o + g,)
@@ -598,7 +552,6 @@ class AnnealingFit:
 
     misfit: Misfit
     q: float
-    scales: Scales
     covariance: Floats
     at_bound: Bools
     chi_square: float
@@ -611,10 +564,14 @@ class AnnealingFit:
         """The unknowns."""
         return self.misfit.point
 
+    @property
+    def scales(self) -> Scales:
+        """Their units."""
+        return self.misfit.scales
 
-def _started(segments: Segments, start: Iterate | Misfit, scales: Scales, loss: Loss, q: float) -> Misfit:
-    """The misfit at the start, which must be finite."""
-    misfit = start if isinstance(start, Misfit) else evaluate(segments, start, scales, loss)
+
+def _started(misfit: Misfit, q: float) -> Misfit:
+    """The misfit at a start, which must be finite."""
     if not np.isfinite(misfit.cost(q)):
         raise IdentificationError(
             "the motion that starts from the states in the record runs to infinity within a few samples: the time may be in "
@@ -625,25 +582,22 @@ def _started(segments: Segments, start: Iterate | Misfit, scales: Scales, loss: 
 
 
 def _ended(
-    segments: Segments,
-    factor: BorderedFactor | None,
     misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
+    factor: BorderedFactor | None,
     q: float,
     status: AnnealingStatus,
     path: list[AnnealingStep],
 ) -> AnnealingFit:
     """The fit where a search ended."""
-    border, (lower, upper) = misfit.point.border, bounds(segments)
+    segments, border = misfit.segments, misfit.point.border
+    lower, upper = bounds(segments)
     free = (border > lower) & (border < upper)
     return AnnealingFit(
         misfit,
         q,
-        scales,
-        covariance(factor, scales, free),
+        covariance(factor, misfit.scales, free),
         ~free,
-        misfit.cost_of_samples(q) / (freedom(segments) * loss.expected),
+        misfit.cost_of_samples(q) / (freedom(segments) * misfit.loss.expected),
         int(segments.observed.sum()),
         status,
         tuple(path),
@@ -694,26 +648,31 @@ class Annealer:
         IdentificationError
             If the motion from the start is not finite.
         """
-        loss, path = self.loss, list[AnnealingStep]()
+        path = list[AnnealingStep]()
         control = SearchState(schedule.initial_q, schedule.initial_q, gains=segments.sensors.gains > 0)
         status = AnnealingStatus.EXHAUSTED
         samples = int(segments.observed.sum())
-        misfit = _started(segments, start, scales, loss, schedule.initial_q)
+        misfit = (
+            replace(start, segments=segments, scales=scales, loss=self.loss)
+            if isinstance(start, Misfit)
+            else evaluate(segments, start, scales, self.loss)
+        )
+        misfit = _started(misfit, schedule.initial_q)
         linear: Linearization | None = None
         damped: DampedEquations | None = None
-        theta, groups = misfit.point.theta, groups_at(segments, misfit, scales)
+        theta, groups = misfit.point.theta, groups_at(misfit)
         try:
             while len(path) < schedule.max_steps:
                 if np.any(np.abs(misfit.point.theta - theta) > _NEAR * scales.theta[: len(theta)]):
-                    theta, groups = misfit.point.theta, groups_at(segments, misfit, scales)
-                linear = linear or self._linear(segments, misfit, scales, groups)
+                    theta, groups = misfit.point.theta, groups_at(misfit)
+                linear = linear or self._linear(misfit, groups)
                 if control.damping > _MAX_DAMPING:
                     status = AnnealingStatus.STUCK
                     break
                 if damped is None or (damped.q, damped.damping) != (control.q, control.damping):
                     damped = None  # whose memory the next ones take
                     damped = DampedEquations.of(linear, control.q, control.damping)
-                attempt = curved_step(segments, linear, damped, misfit, scales, loss, control.stride)
+                attempt = curved_step(damped, misfit, control.stride)
                 if attempt is None:
                     control = control.firmer()
                     continue
@@ -729,11 +688,7 @@ class Annealer:
                         status = AnnealingStatus.COSTLY
                         break
                 small, left = schedule.is_little(step, unclear, segments)
-                settled = small and (
-                    control.ends_in_valley(step)
-                    or is_settled(segments, linear, damped, misfit, scales, loss, left)
-                )
-                if settled:
+                if small and (control.ends_in_valley(step) or is_settled(damped, misfit, left)):
                     status = AnnealingStatus.CONVERGED
                     break
                 control = control.after(step, schedule, samples)
@@ -741,14 +696,12 @@ class Annealer:
         except KeyboardInterrupt:
             status = AnnealingStatus.INTERRUPTED
         factor = None if damped is None else damped.undamped_factor(control.q)
-        linear, damped = linear or self._linear(segments, misfit, scales, groups), None
+        linear, damped = linear or self._linear(misfit, groups), None
         firm = firm_factor(linear, control.q, factor)
-        return _ended(segments, firm, misfit, scales, loss, control.q, status, path)
+        return _ended(misfit, firm, control.q, status, path)
 
-    def _linear(
-        self, segments: Segments, misfit: Misfit, scales: Scales, groups: Sequence[Neighbourhood]
-    ) -> Linearization:
+    def _linear(self, misfit: Misfit, groups: Sequence[Neighbourhood]) -> Linearization:
         """The Gauss-Newton model at a point, by `groups` of columns where there are any."""
         if groups:
-            return local_linearization(LocalRows(segments, misfit, scales, self.loss, groups), self.executor)
-        return linearise(segments, misfit, scales, self.loss, self.executor)
+            return local_linearization(LocalRows(misfit, groups), self.executor)
+        return linearise(misfit, self.executor)

@@ -24,8 +24,8 @@ from linkwise.likelihood.shooting.normal_equations import (
     linearise,
     summed,
 )
-from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors
-from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments, V, X, as_slice
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
+from linkwise.likelihood.shooting.segments import A, F, S, Segments, V, X, as_slice
 from linkwise.likelihood.shooting.system import MANY, NumericSystem, System
 from linkwise.likelihood.shooting.tangents import (
     CandidateForces,
@@ -122,17 +122,13 @@ def adjacency(system: System) -> Bools:
     return np.asarray(touches @ touches.T > 0.0) | np.eye(len(touches), dtype=bool)
 
 
-def reach(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
+def reach(misfit: Misfit) -> Bools:
     """Which masses an influence reaches within a segment.
 
     Parameters
     ----------
-    segments : Segments
-        The records in segments.
     misfit : Misfit
-        The orbit.
-    scales : Scales
-        Units of the unknowns.
+        That along the orbit.
 
     Returns
     -------
@@ -140,9 +136,10 @@ def reach(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
         Whether a mass (column) moves another (row) by more than `TOLERANCE` within some segment, of those where the links
         are steepest and of some others.
     """
+    segments, scales = misfit.segments, misfit.scales
     system, n = segments.system, len(segments.system.incidence)
     mechanics, thinned = system.at(misfit.point.theta), segments.flow_steps_per_tangent
-    some = _sampled(segments, misfit)
+    some = _sampled(misfit)
     step = segments.step[some] * thinned
     orbit = misfit.trajectories.part(some).thinned(thinned)
     unit, inputs = scales.theta[: system.parameters.size], segments.inputs.part(some)
@@ -168,8 +165,9 @@ def reach(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
     return np.asarray(reached | np.eye(n, dtype=bool))
 
 
-def _sampled(segments: Segments, misfit: Misfit) -> Indices:
+def _sampled(misfit: Misfit) -> Indices:
     """The segments whose sensitivities decide."""
+    segments = misfit.segments
     mechanics, orbit = segments.system.at(misfit.point.theta), misfit.trajectories
     slopes = mechanics.partials(orbit.links[0, 0], orbit.links[0, 1], orbit.memory[0])
     strength = np.abs(mechanics.link_gain.diagonal()[:, None] * slopes.by_d)
@@ -275,10 +273,7 @@ class LocalRows:
     ones the first two.
     """
 
-    segments: Segments
     misfit: Misfit
-    scales: Scales
-    loss: Loss
     groups: Sequence[Neighbourhood]
     candidates: CandidateForces | None = None
     errors: SensorErrors | None = None
@@ -287,7 +282,7 @@ class LocalRows:
     def moving(self) -> int:
         """Columns of the border that act on the motion, which come first."""
         forces = 0 if self.candidates is None else len(self.candidates.first)
-        return self.segments.system.parameters.size + forces
+        return self.misfit.segments.system.parameters.size + forces
 
     @property
     def fixed(self) -> int:
@@ -296,14 +291,13 @@ class LocalRows:
 
     def part(self, part: slice) -> tuple[list[GroupRows], Floats]:
         """The rows of some segments by group, and the whitened residuals (k, C, M)."""
-        segments, misfit = self.segments, self.misfit
-        root = misfit.roots(segments, self.loss, part)
-        whiten = (root / segments.deviations(self.scales, part)).astype(np.float32)
+        misfit, segments = self.misfit, self.misfit.segments
+        root, whiten = misfit.weights(part)
         mechanics = segments.system.at(misfit.point.theta)
         step = segments.step[part] * segments.flow_steps_per_tangent
         orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
         candidates = None if self.candidates is None else self.candidates.part(part)
-        unit = self.scales.theta[: segments.system.parameters.size]
+        unit = misfit.scales.theta[: segments.system.parameters.size]
         inputs = segments.inputs.part(part)
         forces = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
         rows = [self._of_group(group, mechanics, forces, part, step, whiten) for group in self.groups]
@@ -318,9 +312,9 @@ class LocalRows:
         step: Floats,
         whiten: Single,
     ) -> GroupRows:
-        segments, m = self.segments, len(self.scales.state)
+        segments, scale = self.misfit.segments, self.misfit.scales.state
         width = group.moving
-        columns = np.concatenate([group.states, m + group.border])[:width]
+        columns = np.concatenate([group.states, len(scale) + group.border])[:width]
         M = len(segments.samples)
         data: NDArray[Any] = np.zeros((len(step), len(group.channels), M, group.size), np.float32)
         ends: NDArray[Any] = np.zeros((len(step), len(group.rows), width), np.float32)
@@ -344,7 +338,7 @@ class LocalRows:
             ends[:, :r] = tangent.state[0].transpose(2, 0, 1)
             ends[:, r : 2 * r] = (tangent.state[1] * rate).transpose(2, 0, 1)
             ends[:, 2 * r :] = tangent.memory.transpose(2, 0, 1)
-            ends /= self.scales.state[group.rows, None].astype(np.float32)
+            ends /= scale[group.rows, None].astype(np.float32)
         self._add_errors(data, group, part, whiten)
         return GroupRows(data, ends)
 
@@ -352,7 +346,7 @@ class LocalRows:
         self, group: Neighbourhood, step: Floats
     ) -> list[tuple[int, Indices | slice, Indices | slice, Floats]]:
         """By kind of sensor, the places that those of a group show, their places among its channels, and the factor (k,)."""
-        sensors = self.segments.sensors
+        sensors = self.misfit.segments.sensors
         kinds, numbers = sensors.kind[group.channels], sensors.mass[group.channels]
         rates = {X: np.ones_like(step), V: 1.0 / step, A: step**-2.0, F: step**-2.0, S: np.ones_like(step)}
         among = {F: group.links, S: group.memory}
@@ -369,7 +363,7 @@ class LocalRows:
 
     def _units(self, group: Neighbourhood, step: Floats, width: int) -> tuple[Single, Single]:
         """Sensitivities of a group at the nodes: of each of its states to itself, in its unit."""
-        n, scale = len(self.segments.system.incidence), self.scales.state
+        n, scale = len(self.misfit.segments.system.incidence), self.misfit.scales.state
         state = np.zeros((2, len(group.masses), width, len(step)), np.float32)
         inner = np.zeros((len(group.memory), width, len(step)), np.float32)
         for column, number in enumerate(group.states.tolist()):
@@ -383,7 +377,7 @@ class LocalRows:
 
     def _add_errors(self, data: NDArray[Any], group: Neighbourhood, part: slice, whiten: Single) -> None:
         """The columns of errors and offsets of sensors, which act on one channel each or, offsets, on several."""
-        first = len(group.states)
+        first, segments = len(group.states), self.misfit.segments
         for place, number in enumerate(group.border.tolist()):
             if self.errors is not None and self.moving <= number < self.fixed:
                 channel = int(self.errors.channel[number - self.moving])
@@ -392,8 +386,8 @@ class LocalRows:
                 data[:, own, :, first + place] = (whiten[:, channel] * values).T
             elif number >= self.fixed:
                 offset = number - self.fixed
-                unit = self.scales.theta[self.segments.system.parameters.size + offset]
-                for channel in np.flatnonzero(self.segments.sensors.offset == offset).tolist():
+                unit = self.misfit.scales.theta[segments.system.parameters.size + offset]
+                for channel in np.flatnonzero(segments.sensors.offset == offset).tolist():
                     own = int(np.searchsorted(group.channels, channel))
                     data[:, own, :, first + place] = whiten[:, channel].T * unit
 
@@ -419,9 +413,9 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None, block
     Linearization
         The model.
     """
-    segments, groups = rows.segments, rows.groups
+    segments, groups = rows.misfit.segments, rows.groups
     pairs, p = _pairs(groups), sum(len(group.border) for group in groups)
-    model = empty_model(segments, rows.misfit, p, blocks, np.float32)
+    model = empty_model(rows.misfit, p, blocks, np.float32)
     estimated = np.ones(p, dtype=bool)
     if rows.errors is not None:  # what is tested beside these is asked for in no blocks
         estimated[segments.system.parameters.size : rows.fixed] = False
@@ -464,7 +458,7 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None, block
         return sums
 
     parts = _chunks(groups, segments.count, len(segments.samples))
-    return filled(model, parts, work, executor, (segments, rows.misfit, rows.scales))
+    return filled(model, parts, work, executor, rows.misfit)
 
 
 def _by_blocks(
@@ -554,10 +548,7 @@ _WORTHWHILE = 0.9  # of the sensitivities of the whole: what groups may have of 
 
 
 def linear_model(
-    segments: Segments,
     misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
     blocks: int = 1,
@@ -566,7 +557,7 @@ def linear_model(
 
     Parameters
     ----------
-    segments, misfit, scales, loss, candidates, errors, blocks
+    misfit, candidates, errors, blocks
         As of `linearise`.
 
     Returns
@@ -574,26 +565,21 @@ def linear_model(
     Linearization
         The model.
     """
-    groups = groups_at(segments, misfit, scales, candidates, errors)
+    groups = groups_at(misfit, candidates, errors)
     with ThreadPoolExecutor(processors()) as threads:
         if groups:
-            rows = LocalRows(segments, misfit, scales, loss, groups, candidates, errors)
-            return local_linearization(rows, threads, blocks)
-        return linearise(segments, misfit, scales, loss, threads, candidates, errors, blocks)
+            return local_linearization(LocalRows(misfit, groups, candidates, errors), threads, blocks)
+        return linearise(misfit, threads, candidates, errors, blocks)
 
 
 def groups_at(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    candidates: CandidateForces | None = None,
-    errors: SensorErrors | None = None,
+    misfit: Misfit, candidates: CandidateForces | None = None, errors: SensorErrors | None = None
 ) -> list[Neighbourhood]:
     """The groups of columns by which to linearise at a point: none where influences reach most of the structure.
 
     Parameters
     ----------
-    segments, misfit, scales, candidates, errors
+    misfit, candidates, errors
         As of `linearise`.
 
     Returns
@@ -601,9 +587,10 @@ def groups_at(
     list of Neighbourhood
         The groups; where coefficients change little, what they reach does not.
     """
+    segments = misfit.segments
     if not _separable(segments):
         return []
-    reached = reach(segments, misfit, scales)
+    reached = reach(misfit)
     origins = column_origins(segments, candidates, errors)
     moving = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
     groups = neighbourhoods(segments, reached, clusters(segments.system), origins, moving)

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.linalg import blas, cho_solve, cholesky, lapack
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import (
     Iterate,
     Prior,
@@ -40,8 +40,8 @@ from linkwise.likelihood.shooting.segments import (
 )
 from linkwise.likelihood.shooting.tangents import (
     CandidateForces,
-    _errors,
-    _extra_columns,
+    errors_by_channel,
+    extra_columns,
     whitened_jacobian,
 )
 
@@ -430,14 +430,9 @@ class Linearization:
         return Damping(strength * nodes, strength * np.diag(self.of_data.matrix + self.of_defects.matrix))
 
 
-def empty_model(
-    segments: Segments,
-    misfit: Misfit,
-    p: int,
-    blocks: int,
-    precision: type[np.floating[Any]],
-) -> Linearization:
+def empty_model(misfit: Misfit, p: int, blocks: int, precision: type[np.floating[Any]]) -> Linearization:
     """A model of zeros for a border of p unknowns, but for the defects, with K ends, of which the last will be left out."""
+    segments = misfit.segments
     m, K = segments.system.dimension, segments.count
     joined = np.zeros((K, m))
     joined[:-1] = segments.link_weights.T
@@ -454,13 +449,13 @@ def filled(
     parts: Sequence[slice],
     work: Callable[[slice, list[slice]], list[Sums]],
     executor: Executor | None,
-    known: tuple[Segments, Misfit, Scales],
+    misfit: Misfit,
 ) -> Linearization:
     """An empty model with the products of all parts of the segments, and what is known beforehand.
 
     `work` puts those of a part into the model, and gives what they add to its border in the pieces of blocks that it has.
     """
-    segments, misfit, scales = known
+    segments, scales = misfit.segments, misfit.scales
     ends_of_blocks = block_ends(segments.count, len(model.of_data.gradients))
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
@@ -484,10 +479,7 @@ def filled(
 
 
 def linearise(
-    segments: Segments,
     misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
     executor: Executor | None = None,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
@@ -499,16 +491,17 @@ def linearise(
     `blocks` of segments, but for the errors: these are multiplied in their channel alone, and asked for in no blocks. Rows
     of few segments are multiplied in single precision, and the products summed in double precision, in which the ends are.
     """
-    m, p = segments.system.dimension, segments.parameters + _extra_columns(candidates, errors)
-    model = empty_model(segments, misfit, p, blocks, np.float64)
+    segments = misfit.segments
+    m, p = segments.system.dimension, segments.parameters + extra_columns(candidates, errors)
+    model = empty_model(misfit, p, blocks, np.float64)
     last = p - segments.sensors.unknowns
-    first = last - _extra_columns(None, errors)
+    first = last - extra_columns(None, errors)
     others = np.r_[:first, last:p]  # than the errors
     own = as_slice(others)
     corner = (..., own, own) if isinstance(own, slice) else (..., others[:, None], others)
 
     def work(part: slice, pieces: list[slice]) -> list[Sums]:
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates)
+        rows, ends = whitened_jacobian(misfit, part, candidates)
         by_border = rows[..., m:]
         product = rows[..., :m].transpose(0, 2, 1) @ rows
         right, right_ends = model.right[part], model.right_ends[part]
@@ -531,7 +524,7 @@ def linearise(
             shown = rows.reshape(len(rows), *segments.samples.shape[:2], -1)
             count, width = last - first, rows.shape[2] - m
             beside, squares = np.zeros((count, width)), np.zeros((count, count))
-            for channel, numbers, columns in _errors(segments, misfit, scales, loss, part, errors):
+            for channel, numbers, columns in errors_by_channel(misfit, part, errors):
                 right[..., first + numbers] = shown[:, :, channel, :m].transpose(0, 2, 1) @ columns
                 beside[numbers] = summed(columns, shown[:, :, channel, m:])
                 squares[numbers[:, None], numbers] = summed(columns, columns)
@@ -542,8 +535,8 @@ def linearise(
             sums.append((model.of_data.gradients, (block, at), beside[:, -1]))
         return sums
 
-    parts = chunks(segments, segments.parameters + _extra_columns(candidates, None))
-    return filled(model, parts, work, executor, (segments, misfit, scales))
+    parts = chunks(segments, segments.parameters + extra_columns(candidates, None))
+    return filled(model, parts, work, executor, misfit)
 
 
 def summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:

@@ -505,10 +505,6 @@ class Segments:
         sigma = scales.sigma[:, None]
         return sigma if self.relative_noise is None else sigma * self.relative_noise[:, part]
 
-    def roots(self, weight: Floats, part: slice) -> Floats:
-        """(M, C, k) square roots of what samples of some segments count for beside a `weight`; 0 where one is missing."""
-        return np.asarray(np.sqrt(weight) * self.observed[..., part])
-
     @cached_property
     def informed(self) -> Bools:
         """(M, C, K) where there is a sample or a clipped reading."""

@@ -29,7 +29,7 @@ from linkwise.likelihood.shooting.flow import (
     in_turn,
     input_along,
 )
-from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors, estimated_errors
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, estimated_errors
 from linkwise.likelihood.shooting.segments import (
     A,
     Iterate,
@@ -554,17 +554,16 @@ def columns_of_forces(segments: Segments) -> Indices:
     return np.concatenate([sensors.offsets + gains, sensors.offsets + sensors.gains + delays])
 
 
-def changes_of_forces(
-    segments: Segments, point: Iterate, scales: Scales, part: slice
-) -> CandidateForces | None:
+def changes_of_forces(misfit: Misfit, part: slice) -> CandidateForces | None:
     """The forces on masses, in some segments, per unit of each error of `columns_of_forces`; None without any."""
+    segments, point = misfit.segments, misfit.point
     if segments.inputs.uncertain is None:
         return None
     uncertain = segments.inputs.uncertain.part(part)
     force, rate = uncertain.acting(point.gains, point.delays)
     scaled, late = np.flatnonzero(uncertain.gains >= 0), np.flatnonzero(uncertain.delays >= 0)
     gains, delays = uncertain.gains[scaled], uncertain.delays[late]
-    units = scales.theta[len(point.theta) + len(point.offsets) :]
+    units = misfit.scales.theta[len(point.theta) + len(point.offsets) :]
     per_gain = -force[:, :, scaled] * (units[gains] / point.gains[gains])[:, None]
     per_delay = rate[:, :, late] * units[len(point.gains) + delays][:, None]
     changes = np.concatenate([per_gain, per_delay], axis=2)
@@ -573,22 +572,21 @@ def changes_of_forces(
     return CandidateForces(np.full(len(ends), -1), ends, along)
 
 
-def add_errors_of_sensors(
-    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, root: Floats, part: slice
-) -> None:
+def add_errors_of_sensors(jacobian: Floats, misfit: Misfit, root: Floats, part: slice) -> None:
     """The columns of errors of sensors; the rows of sensors with an unknown gain are scaled by it.
 
     `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing. What masses that uncertain forces move
     show is in place.
     """
-    sensors, point = segments.sensors, misfit.point
+    segments, scales, point = misfit.segments, misfit.scales, misfit.point
+    sensors = segments.sensors
     first, units = jacobian.shape[-1] - 1 - sensors.unknowns, scales.theta[len(point.theta) :]
     factors, forces = sensors.factors(point.gains), first + columns_of_forces(segments)
     for channel in sensors.scaled:
         jacobian[:, :, channel, :first] *= np.float32(factors[channel])
         jacobian[:, :, channel, forces] *= np.float32(factors[channel])
     deviations = segments.deviations(scales, part)
-    for channel, number, values in estimated_errors(segments, misfit, part):
+    for channel, number, values in estimated_errors(misfit, part):
         column = root[:, channel] * (values * units[number] / deviations[channel])
         jacobian[:, :, channel, first + number] += column.T
 
@@ -603,49 +601,42 @@ def add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whi
         )
 
 
-def _errors(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    part: slice,
-    errors: SensorErrors | None,
+def errors_by_channel(
+    misfit: Misfit, part: slice, errors: SensorErrors | None
 ) -> Iterator[tuple[int, Indices, Single]]:
     """Of each channel with errors the numbers of these, and what they add to its samples, whitened (k, M, c)."""
     if errors is None:
         return
-    _, whiten = _weights(segments, misfit, scales, loss, part)
-    factors = segments.sensors.factors(misfit.point.gains)
+    (_, whiten), sensors = misfit.weights(part), misfit.segments.sensors
+    factors = sensors.factors(misfit.point.gains)
     for channel in np.unique(errors.channel).tolist():
         numbers = np.flatnonzero(errors.channel == channel)
-        factor = factors[channel] if channel in segments.sensors.scaled else 1.0
+        factor = factors[channel] if channel in sensors.scaled else 1.0
         columns = whiten[:, channel, None] * (factor * errors.values[:, numbers, part])
         yield channel, numbers, np.ascontiguousarray(columns.transpose(2, 0, 1), np.float32)
 
 
 def whitened_jacobian(
-    segments: Segments,
     misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
     part: slice,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
 ) -> tuple[Floats, Floats]:
     """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n + S, P)."""
+    segments, scales = misfit.segments, misfit.scales
     M, C, K = segments.samples[..., part].shape
-    P = segments.system.dimension + segments.parameters + _extra_columns(candidates, errors)
+    P = segments.system.dimension + segments.parameters + extra_columns(candidates, errors)
     width = P - segments.sensors.unknowns
-    moving = width - (0 if errors is None else len(errors.channel))
-    root, whiten = _weights(segments, misfit, scales, loss, part)
+    moving = width - extra_columns(None, errors)
+    root, whiten = misfit.weights(part)
     jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
     jacobian[..., P] = (root * misfit.pulling[..., part]).transpose(2, 0, 1)
     columns = (moving, (width + columns_of_forces(segments)).tolist())
-    ends = _put_marched(jacobian, segments, misfit, scales, part, whiten, candidates, columns)
+    ends = _put_marched(jacobian, misfit, part, whiten, candidates, columns)
     if segments.random is not None and segments.random.shown is not None:
         add_shown_forces(jacobian, segments.random, scales, whiten)
-    add_errors_of_sensors(jacobian, segments, misfit, scales, root, part)
-    for channel, numbers, own in _errors(segments, misfit, scales, loss, part, errors):
+    add_errors_of_sensors(jacobian, misfit, root, part)
+    for channel, numbers, own in errors_by_channel(misfit, part, errors):
         jacobian[:, :, channel, moving + numbers] = own
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
@@ -653,15 +644,14 @@ def whitened_jacobian(
 
 def _put_marched(
     jacobian: NDArray[Any],
-    segments: Segments,
     misfit: Misfit,
-    scales: Scales,
     part: slice,
     whiten: Single,
     candidates: CandidateForces | None,
     columns: tuple[int, list[int]],
 ) -> Floats:
     """Put what sensors show of the sensitivities, step by step; gives those at the ends (k, 2 n + S, P)."""
+    segments, scales = misfit.segments, misfit.scales
     step = segments.step[part] * segments.flow_steps_per_tangent
     mechanics = segments.system.at(misfit.point.theta)
     sensors = segments.sensors.at(mechanics)
@@ -678,7 +668,7 @@ def _put_marched(
         for kind, channels, sources in sensors.by_kind
     ]
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
-    forces, inputs = _acting(segments, misfit.point, scales, part, candidates)
+    forces, inputs = _acting(misfit, part, candidates)
     steps = tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs=inputs)
     refine, before = segments.tangent_refine, segments.tangents_before
     for number, tangent in enumerate(steps):
@@ -714,11 +704,11 @@ def _late(sensors: Sensors, point: Iterate, kind: int) -> list[tuple[int, np.flo
 
 
 def _acting(
-    segments: Segments, point: Iterate, scales: Scales, part: slice, candidates: CandidateForces | None
+    misfit: Misfit, part: slice, candidates: CandidateForces | None
 ) -> tuple[CandidateForces | None, Inputs]:
     """The candidates in some segments, behind them what the unknowns of uncertain forces change, and the inputs there."""
-    forces, inputs = candidates and candidates.part(part), segments.inputs.part(part)
-    changes = changes_of_forces(segments, point, scales, part)
+    forces, inputs = candidates and candidates.part(part), misfit.segments.inputs.part(part)
+    changes, point = changes_of_forces(misfit, part), misfit.point
     if changes is None:
         return forces, inputs
     return changes if forces is None else forces.joined(changes), inputs.at(point.gains, point.delays)
@@ -737,15 +727,7 @@ def _put(
         target[(*place, column)] = block[..., number]
 
 
-def _weights(
-    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice
-) -> tuple[Floats, Single]:
-    """(M, C, k) square roots of the weights of samples, 0 where one is missing, and what whitens what sensors show."""
-    root = misfit.roots(segments, loss, part)
-    return root, (root / segments.deviations(scales, part)).astype(np.float32)
-
-
-def _extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:
+def extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:
     """Number of columns behind those of the parameters."""
     of_candidates = 0 if candidates is None else len(candidates.first)
     return of_candidates + (0 if errors is None else len(errors.channel))

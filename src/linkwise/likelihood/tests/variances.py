@@ -434,8 +434,8 @@ def _beginning(optimum: Optimum) -> Optimum:
     """The optimum in the beginning of a long record, whose residuals tell the noise of inputs well enough."""
     if optimum.segments.count <= _ENOUGH or optimum.misfit.clipped is not None:
         return optimum
-    segments, misfit = optimum.segments.chosen(np.arange(_ENOUGH)), optimum.misfit.part(slice(0, _ENOUGH))
-    return replace(optimum, segments=segments, misfit=misfit)
+    segments = optimum.segments.chosen(np.arange(_ENOUGH))
+    return replace(optimum, misfit=optimum.misfit.part(slice(0, _ENOUGH), segments))
 
 
 def free_of_bounds(fit: LikelihoodFit) -> Bools:
@@ -494,7 +494,7 @@ class DrawnEquations:
         None where they are singular.
         """
         if linear is None:
-            linear = linearise(optimum.segments, optimum.misfit, optimum.scales, optimum.loss)
+            linear = linearise(optimum.misfit)
         factor = linear.equations(q).factor()
         return None if factor is None else cls(optimum, linear, factor, free_of_bounds(fit), q)
 
@@ -503,7 +503,7 @@ class DrawnEquations:
         optimum, segments = self.optimum, self.optimum.segments
         wide = at_once(segments.count, segments.samples[..., 0].size * width)
         for part in min(chunks(segments, len(self.free)), wide, key=lambda parts: parts[0].stop):
-            rows, _ = whitened_jacobian(segments, optimum.misfit, optimum.scales, optimum.loss, part)
+            rows, _ = whitened_jacobian(optimum.misfit, part)
             yield part, rows.astype(float)
 
     def pulls(self, width: int, noise: Callable[[slice, Floats], Floats]) -> tuple[Floats, Floats]:
