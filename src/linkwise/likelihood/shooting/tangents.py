@@ -107,15 +107,16 @@ class TangentForces:
         self.mechanics, self.unit = mechanics, unit
         self.by_shape: tuple[Indices, Indices, Single] | None = None
         self._by_rate: Single = np.empty((0, 0, 0), np.float32)  # room for a part of the forces
-        inner = slopes.memory
         self.owners = system.state_links
-        self.by_state = (inner.force * step2).astype(np.float32)
-        self.rate_by_d = (inner.by_d * step).astype(np.float32)
-        self.rate_by_v = inner.by_v.astype(np.float32)
-        self.rate_by_state = [(to, of, (slope * step).astype(np.float32)) for to, of, slope in inner.by_state]
+        self.by_state = (slopes.by_state * step2).astype(np.float32)
+        self.rate_by_d = (slopes.rate_by_d * step).astype(np.float32)
+        self.rate_by_v = slopes.rate_by_v.astype(np.float32)
+        self.rate_by_state = [
+            (to, of, (slope * step).astype(np.float32)) for to, of, slope in slopes.rate_by_state
+        ]
         self.rate_by_parameter = [
             (to, first + column, (slope * (unit[column] * step)).astype(np.float32))
-            for to, column, slope in inner.by_parameter
+            for to, column, slope in slopes.rate_by_parameter
         ]
 
     @property
