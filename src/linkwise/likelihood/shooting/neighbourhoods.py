@@ -26,15 +26,12 @@ from linkwise.likelihood.shooting.normal_equations import (
 )
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import A, F, S, Segments, V, X, as_slice
-from linkwise.likelihood.shooting.system import MANY, NumericSystem, System
+from linkwise.likelihood.shooting.system import MANY, System
 from linkwise.likelihood.shooting.tangents import (
     CandidateForces,
     Single,
     TangentForces,
-    Transfer,
     march,
-    tangent_forces,
-    units_of_states,
 )
 from linkwise.runtime import processors
 
@@ -138,21 +135,11 @@ def reach(misfit: Misfit) -> Bools:
     """
     segments, scales = misfit.segments, misfit.scales
     system, n = segments.system, len(segments.system.incidence)
-    mechanics, thinned = system.at(misfit.point.theta), segments.flow_steps_per_tangent
-    some = _sampled(misfit)
-    step = segments.step[some] * thinned
-    orbit = misfit.trajectories.part(some).thinned(thinned)
-    unit, inputs = scales.theta[: system.parameters.size], segments.inputs.part(some)
-    forces = tangent_forces(mechanics, orbit, step, unit, inputs=inputs)
-    masses, links, memory = map(np.arange, (n, system.incidence.shape[1], len(system.states)))
-    columns = np.arange(len(scales.state))
-    transfer = Transfer.of(mechanics.incidence, mechanics.gain)
+    orbit, step, inputs = misfit.along_tangents(_sampled(misfit))
+    unit, columns = scales.theta[: system.parameters.size], np.arange(len(scales.state))
+    forces = TangentForces(misfit.mechanics, orbit, step, unit, inputs=inputs)
     largest = np.zeros((len(columns), n))
-    for tangent in march(
-        transfer,
-        forces.within(masses, links, memory, columns),
-        *units_of_states(scales.state, step, n, len(columns)),
-    ):
+    for tangent in march(forces.within(forces.masses, forces.links, forces.states, columns), scales.state):
         for motion, unit in (
             (tangent.state[0], scales.state[:n, None]),
             (tangent.state[1], scales.state[n : 2 * n, None] * step),
@@ -168,7 +155,7 @@ def reach(misfit: Misfit) -> Bools:
 def _sampled(misfit: Misfit) -> Indices:
     """The segments whose sensitivities decide."""
     segments = misfit.segments
-    mechanics, orbit = segments.system.at(misfit.point.theta), misfit.trajectories
+    mechanics, orbit = misfit.mechanics, misfit.trajectories
     slopes = mechanics.partials(orbit.links[0, 0], orbit.links[0, 1], orbit.memory[0])
     strength = np.abs(mechanics.link_gain.diagonal()[:, None] * slopes.by_d)
     strength /= np.maximum(strength.max(axis=1, keepdims=True), np.finfo(float).tiny)
@@ -293,26 +280,21 @@ class LocalRows:
         """The rows of some segments by group, and the whitened residuals (k, C, M)."""
         misfit, segments = self.misfit, self.misfit.segments
         root, whiten = misfit.weights(part)
-        mechanics = segments.system.at(misfit.point.theta)
-        step = segments.step[part] * segments.flow_steps_per_tangent
-        orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
+        orbit, step, inputs = misfit.along_tangents(part)
         candidates = None if self.candidates is None else self.candidates.part(part)
         unit = misfit.scales.theta[: segments.system.parameters.size]
-        inputs = segments.inputs.part(part)
-        forces = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
-        rows = [self._of_group(group, mechanics, forces, part, step, whiten) for group in self.groups]
+        forces = TangentForces(misfit.mechanics, orbit, step, unit, candidates, inputs=inputs)
+        rows = [self._of_group(group, forces, part, whiten) for group in self.groups]
         return rows, (root * misfit.pulling[..., part]).transpose(2, 1, 0)
 
     def _of_group(
         self,
         group: Neighbourhood,
-        mechanics: NumericSystem,
         forces: TangentForces,
         part: slice,
-        step: Floats,
         whiten: Single,
     ) -> GroupRows:
-        segments, scale = self.misfit.segments, self.misfit.scales.state
+        segments, scale, step = self.misfit.segments, self.misfit.scales.state, forces.step
         width = group.moving
         columns = np.concatenate([group.states, len(scale) + group.border])[:width]
         M = len(segments.samples)
@@ -320,11 +302,8 @@ class LocalRows:
         ends: NDArray[Any] = np.zeros((len(step), len(group.rows), width), np.float32)
         if width:
             own = forces.within(group.masses, group.links, group.memory, columns)
-            inside = np.ix_(group.masses, group.links)
-            transfer = Transfer.of(mechanics.incidence[inside], mechanics.gain[inside])
-            steps = march(transfer, own, *self._units(group, step, width))
             shown = self._shown_by(group, step)
-            for number, tangent in enumerate(steps):
+            for number, tangent in enumerate(march(own, scale)):
                 sample, between = divmod(number, segments.tangent_refine)
                 if tangent.acceleration is None or between:
                     continue
@@ -360,20 +339,6 @@ class LocalRows:
             for kind, rate in rates.items()
             if len(own := np.flatnonzero(kinds == kind))
         ]
-
-    def _units(self, group: Neighbourhood, step: Floats, width: int) -> tuple[Single, Single]:
-        """Sensitivities of a group at the nodes: of each of its states to itself, in its unit."""
-        n, scale = len(self.misfit.segments.system.incidence), self.misfit.scales.state
-        state = np.zeros((2, len(group.masses), width, len(step)), np.float32)
-        inner = np.zeros((len(group.memory), width, len(step)), np.float32)
-        for column, number in enumerate(group.states.tolist()):
-            kind, place = divmod(number, n)
-            if kind < 2:
-                unit = scale[number] if kind == 0 else scale[number] * step
-                state[kind, np.searchsorted(group.masses, place), column] = unit
-            else:
-                inner[np.searchsorted(group.memory, number - 2 * n), column] = scale[number]
-        return state, inner
 
     def _add_errors(self, data: NDArray[Any], group: Neighbourhood, part: slice, whiten: Single) -> None:
         """The columns of errors and offsets of sensors, which act on one channel each or, offsets, on several."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.flow import Trajectories, flow
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
 from linkwise.likelihood.shooting.segments import (
     A,
     ClippedMisfit,
@@ -283,6 +283,17 @@ class Misfit:
         """That at another point."""
         return evaluate(self.segments, point, self.scales, self.loss)
 
+    @cached_property
+    def mechanics(self) -> NumericSystem:
+        """The system in numbers."""
+        return self.segments.system.at(self.point.theta)
+
+    def along_tangents(self, part: slice | Indices = slice(None)) -> tuple[Trajectories, Floats, Inputs]:
+        """The orbit in some segments at the steps of its tangents, these steps (k,) in s, and what acts along it."""
+        every = self.segments.flow_steps_per_tangent
+        orbit = self.trajectories.part(part).thinned(every)
+        return orbit, self.segments.step[part] * every, self.segments.inputs.part(part)
+
     def part(self, which: slice, segments: Segments) -> Misfit:
         """The misfit of some segments that follow each other, without clipped readings and whole costs, which are NaN."""
         return Misfit(
@@ -484,8 +495,7 @@ def _shown(misfit: Misfit, channel: int, part: slice = slice(None)) -> tuple[Flo
     segments, point = misfit.segments, misfit.point
     sensors, random = segments.sensors, segments.random
     if channel in sensors.late:
-        sensors = sensors.at(segments.system.at(point.theta))
-        orbit = sensors.orbit_with_points(misfit.trajectories.part(part))
+        orbit = sensors.at(misfit.mechanics).orbit_with_points(misfit.trajectories.part(part))
         value, rate = segments.late(channel, orbit, point, part)
     else:
         value, rate = motion_of(misfit, int(sensors.kind[channel]), int(sensors.mass[channel]), part)
@@ -513,8 +523,7 @@ def carried_by(
 
 def motion_of(misfit: Misfit, kind: int, mass: int, part: slice = slice(None)) -> tuple[Floats, Floats]:
     """(M, k) what a sensor of this kind shows of a mass in some segments, and its rate."""
-    segments, step = misfit.segments, misfit.segments.step[part]
-    mechanics = segments.system.at(misfit.point.theta)
+    segments, step, mechanics = misfit.segments, misfit.segments.step[part], misfit.mechanics
     orbit = segments.sensors.at(mechanics).orbit_with_points(misfit.trajectories.part(part))
     value = _at_samples(segments, mechanics, orbit, kind, part)[:, mass]
     if kind in (X, V):
