@@ -130,7 +130,7 @@ def _significant_change(
     if segments.prior is not None:
         add_prior_curvature(known, segments.prior, fit.optimum.scales, parameters.size)
     within = np.ix_(some, some)
-    of_some = BlockScores(scores.scores[:, some], scores.information[:, some][:, :, some])
+    of_some = scores.within(some)
     try:
         pull, left, scatter = _changes(of_some, known[within], len(free))
     except np.linalg.LinAlgError:

@@ -309,8 +309,7 @@ def tested_in_pieces(
     assert left is not None  # there is a piece at least
     m = len(misfit.point.nodes)
     corner, gradient = left.schur[m:, m:].copy(), left.reduced[m:].copy()
-    if segments.prior is not None:
-        add_prior(corner, gradient, segments.prior, misfit.point, misfit.scales)
+    add_prior(corner, gradient, misfit)
     right = np.column_stack([left.schur[:m, m:], left.reduced[:m]])
     return BorderedSystem(
         left.schur[None, :m, :m], np.empty((0, m, m)), right[None], corner, gradient

@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import cached_property
 from math import log10
 
 import numpy as np
@@ -81,10 +82,6 @@ class DampedEquations:
         equations = linear.equations(q)
         gradient = equations.gradient
         return cls(linear, gradient, equations.factor(linear.damping(damping)), q, damping)
-
-    def undamped_factor(self, q: float) -> BorderedFactor | None:
-        """The factor where it is that without damping at a relaxation, else None."""
-        return self.factor if (self.q, self.damping) == (q, 0.0) else None
 
 
 def damped_step(damped: DampedEquations, misfit: Misfit, length: float) -> tuple[Iterate, float] | None:
@@ -251,12 +248,6 @@ class AnnealingSchedule:
     cost_ceiling: float = np.inf
     sufficient_cost: float = np.inf
 
-    def with_ceiling(self, step: AnnealingStep, misfit: Misfit, samples: int) -> AnnealingSchedule:
-        """The schedule after a `step`: it ends at the present q if the cost will remain above the ceiling there."""
-        if misfit.cost(step.q) - step.remaining > self.cost_ceiling * samples:
-            return replace(self, final_q=max(self.final_q, step.q))
-        return self
-
     def exceeded(self, step: AnnealingStep, unclear: float) -> bool:
         """Whether the lowest cost at the q of a step is surely above the sufficient one; `unclear` is what may be left."""
         left = max(_MARGIN * step.remaining, _OF_PART * unclear)
@@ -362,18 +353,6 @@ class SearchState:
         """Whether a step along a valley that bends failed, where longer ones did: what a full one promises is rounding."""
         return self.slight < SLIGHT and step.reduction <= 0.0
 
-    def firmer(self) -> SearchState:
-        """The state after equations that were not positive definite."""
-        return replace(self, damping=max(10.0 * self.damping, 1e-6))
-
-    def evaluated_step(
-        self, step: int, misfit: Misfit, trial: Misfit, predicted: float, samples: int
-    ) -> AnnealingStep:
-        """The step between two misfits, whose cost was predicted to fall by `predicted`."""
-        cost = misfit.cost(self.q)
-        gained = cost - trial.cost(self.q)
-        return AnnealingStep(step, self.q, cost, predicted, gained, trial.data / samples, self.damping)
-
     def after(self, step: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> SearchState:
         """The state after a step."""
         if step.reduction > 0.0:
@@ -385,16 +364,12 @@ class SearchState:
             back = float(np.sqrt(self.q * self.settled)) if self.q < 0.9 * self.settled else self.settled
             return replace(self, q=back, growth=2.0, stride=1.0)
         slight = 0.1 * self.slight if self.eased else self.slight
-        damping = max(self.growth * self.damping, 10.0 * slight)
-        return replace(
-            self, damping=damping, growth=2.0 * self.growth, stride=1.0, slight=slight, eased=False
-        )
+        firmer = replace(self, damping=max(self.growth * self.damping, 10.0 * slight), slight=slight)
+        return replace(firmer, growth=2.0 * self.growth, stride=1.0, eased=False)
 
     def _onward(self, step: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> SearchState:
         """The state after a step that lowered the cost: less damping (Nielsen 1999), and a lower q on convergence."""
-        damping = self.damping * (
-            max(1 / 3, 1 - (2 * step.gain_ratio - 1) ** 3) if step.gain_ratio < 1.5 else 1 / 3
-        )
+        damping = self.damping * max(1 / 3, 1 - (2 * min(step.gain_ratio, 1.5) - 1) ** 3)
         stride = step.best_length if self.stride == 1.0 and step.gain_ratio < 0.5 else 1.0
         q, settled = self.q, self.settled
         if step.remaining < schedule.trust_per_sample * samples:
@@ -542,8 +517,6 @@ class AnnealingFit:
         True at a bound.
     chi_square : float
         Cost per degree of freedom, 1 for laws and noise that fit.
-    samples : int
-        Number of samples.
     status : AnnealingStatus
         How the search ended.
     path : tuple of AnnealingStep
@@ -555,7 +528,6 @@ class AnnealingFit:
     covariance: Floats
     at_bound: Bools
     chi_square: float
-    samples: int
     status: AnnealingStatus
     path: tuple[AnnealingStep, ...]
 
@@ -569,39 +541,10 @@ class AnnealingFit:
         """Their units."""
         return self.misfit.scales
 
-
-def _started(misfit: Misfit, q: float) -> Misfit:
-    """The misfit at a start, which must be finite."""
-    if not np.isfinite(misfit.cost(q)):
-        raise IdentificationError(
-            "the motion that starts from the states in the record runs to infinity within a few samples: the time may be in "
-            "another unit than s (write time[ms]), a channel in another than its header says, a law is not finite over the "
-            "motion of its link, or a force acts that no channel shows (identify takes it as ambient)"
-        )
-    return misfit
-
-
-def _ended(
-    misfit: Misfit,
-    factor: BorderedFactor | None,
-    q: float,
-    status: AnnealingStatus,
-    path: list[AnnealingStep],
-) -> AnnealingFit:
-    """The fit where a search ended."""
-    segments, border = misfit.segments, misfit.point.border
-    lower, upper = bounds(segments)
-    free = (border > lower) & (border < upper)
-    return AnnealingFit(
-        misfit,
-        q,
-        covariance(factor, misfit.scales, free),
-        ~free,
-        misfit.cost_of_samples(q) / (freedom(segments) * misfit.loss.expected),
-        int(segments.observed.sum()),
-        status,
-        tuple(path),
-    )
+    @cached_property
+    def samples(self) -> int:
+        """Number of samples."""
+        return int(self.misfit.segments.observed.sum())
 
 
 @dataclass(frozen=True)
@@ -652,12 +595,16 @@ class Annealer:
         control = SearchState(schedule.initial_q, schedule.initial_q, gains=segments.sensors.gains > 0)
         status = AnnealingStatus.EXHAUSTED
         samples = int(segments.observed.sum())
-        misfit = (
-            replace(start, segments=segments, scales=scales, loss=self.loss)
-            if isinstance(start, Misfit)
-            else evaluate(segments, start, scales, self.loss)
-        )
-        misfit = _started(misfit, schedule.initial_q)
+        if isinstance(start, Misfit):
+            misfit = replace(start, segments=segments, scales=scales, loss=self.loss)
+        else:
+            misfit = evaluate(segments, start, scales, self.loss)
+        if not np.isfinite(misfit.cost(schedule.initial_q)):
+            raise IdentificationError(
+                "the motion that starts from the states in the record runs to infinity within a few samples: the time may be "
+                "in another unit than s (write time[ms]), a channel in another than its header says, a law is not finite over "
+                "the motion of its link, or a force acts that no channel shows (identify takes it as ambient)"
+            )
         linear: Linearization | None = None
         damped: DampedEquations | None = None
         theta, groups = misfit.point.theta, groups_at(misfit)
@@ -674,16 +621,19 @@ class Annealer:
                     damped = DampedEquations.of(linear, control.q, control.damping)
                 attempt = curved_step(damped, misfit, control.stride)
                 if attempt is None:
-                    control = control.firmer()
+                    control = replace(control, damping=max(10.0 * control.damping, 1e-6))
                     continue
                 trial, predicted, unclear = attempt
                 unclear = max(unclear, predicted if control.stride < 1.0 else 0.0)  # by the shorter step
-                step = control.evaluated_step(len(path), misfit, trial, predicted, samples)
+                q, costs = control.q, (misfit.cost(control.q), trial.cost(control.q))
+                gained, left_over = costs[0] - costs[1], trial.data / samples
+                step = AnnealingStep(len(path), q, costs[0], predicted, gained, left_over, control.damping)
                 path.append(step)
                 self.progress(step.report)
                 if step.reduction > 0.0:
                     misfit = trial
-                    schedule = schedule.with_ceiling(step, misfit, samples)
+                    if misfit.cost(step.q) - step.remaining > schedule.cost_ceiling * samples:
+                        schedule = replace(schedule, final_q=max(schedule.final_q, step.q))
                     if schedule.exceeded(step, unclear):
                         status = AnnealingStatus.COSTLY
                         break
@@ -695,10 +645,25 @@ class Annealer:
                 linear, damped = (None, None) if step.reduction > 0.0 else (linear, damped)
         except KeyboardInterrupt:
             status = AnnealingStatus.INTERRUPTED
-        factor = None if damped is None else damped.undamped_factor(control.q)
+        known = damped is not None and (damped.q, damped.damping) == (control.q, 0.0)
+        factor = damped.factor if damped is not None and known else None
         linear, damped = linear or self._linear(misfit, groups), None
-        firm = firm_factor(linear, control.q, factor)
-        return _ended(misfit, firm, control.q, status, path)
+        return self._ended(misfit, firm_factor(linear, control.q, factor), control.q, status, path)
+
+    def _ended(
+        self,
+        misfit: Misfit,
+        factor: BorderedFactor | None,
+        q: float,
+        status: AnnealingStatus,
+        path: Sequence[AnnealingStep],
+    ) -> AnnealingFit:
+        """The fit where a search ended."""
+        border, (lower, upper) = misfit.point.border, bounds(misfit.segments)
+        free = (border > lower) & (border < upper)
+        found = covariance(factor, misfit.scales, free)
+        chi_square = misfit.cost_of_samples(q) / (freedom(misfit.segments) * self.loss.expected)
+        return AnnealingFit(misfit, q, found, ~free, chi_square, status, tuple(path))
 
     def _linear(self, misfit: Misfit, groups: Sequence[Neighbourhood]) -> Linearization:
         """The Gauss-Newton model at a point, by `groups` of columns where there are any."""

@@ -21,7 +21,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +35,8 @@ from linkwise.likelihood.shooting.segments import (
     RandomStates,
     Scales,
     Segments,
-    add_starts,
     as_slice,
+    slider_starts,
 )
 from linkwise.likelihood.shooting.tangents import (
     CandidateForces,
@@ -48,12 +48,8 @@ from linkwise.likelihood.shooting.tangents import (
 _WIDE = 600  # numbers in the right-hand sides of a node, from which products of blocks are faster than a band
 
 
-@dataclass(frozen=True, eq=False)
-class Damping:
-    """The Levenberg-Marquardt term of the diagonal: nodes (K, m), border (p,)."""
-
-    nodes: Floats
-    border: Floats
+Damping: TypeAlias = tuple[Floats, Floats]
+"""The Levenberg-Marquardt term of the diagonal: nodes (K, m), border (p,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +82,13 @@ class BorderedSystem:
         K, m, c = self.right.shape
         p = c - 1
         kind = BandedRoot if m * c < _WIDE else BlockRoot
-        root = kind.of(self.diagonal, self.coupling, None if damping is None else damping.nodes)
+        root = kind.of(self.diagonal, self.coupling, None if damping is None else damping[0])
         if root is None:
             return None
         forward = root.forward(self.right)
         rows = forward.reshape(K * m, p + 1)
         moment = rows.T @ rows
-        corner = self.corner if damping is None else self.corner + np.diag(damping.border)
+        corner = self.corner if damping is None else self.corner + np.diag(damping[1])
         schur = corner - moment[:p, :p]
         if not np.isfinite(schur).all():  # of tangents that overflowed
             return None
@@ -288,11 +284,6 @@ class Corners:
     matrices: Floats
     gradients: Floats
 
-    @classmethod
-    def empty(cls, p: int, blocks: int) -> Corners:
-        """Zeros."""
-        return cls(np.zeros((blocks, p, p)), np.zeros((blocks, p)))
-
     def within(self, border: Indices) -> Corners:
         """Those of these unknowns of the border alone, in arrays of their own."""
         return Corners(self.matrices[:, border[:, None], border], self.gradients[:, border])
@@ -415,7 +406,7 @@ class Linearization:
         for strength in (0.0, *NEGLIGIBLE):
             equations = self.equations(q)
             nodes = strength * np.einsum("kii->ki", equations.diagonal)
-            factor = equations.factor(Damping(nodes, nothing) if strength else None)
+            factor = equations.factor((nodes, nothing) if strength else None)
             if factor is not None:
                 return factor
         return None
@@ -427,7 +418,7 @@ class Linearization:
         nodes = np.einsum("kii->ki", self.state).astype(float)
         nodes[:-1] += np.einsum("kij,kij->kj", self.state_ends, self.state_ends)
         nodes[1:] += self.joined**2
-        return Damping(strength * nodes, strength * np.diag(self.of_data.matrix + self.of_defects.matrix))
+        return strength * nodes, strength * np.diag(self.of_data.matrix + self.of_defects.matrix)
 
 
 def empty_model(misfit: Misfit, p: int, blocks: int, precision: type[np.floating[Any]]) -> Linearization:
@@ -439,7 +430,7 @@ def empty_model(misfit: Misfit, p: int, blocks: int, precision: type[np.floating
     right_ends = np.zeros((K, m, p + 1), precision)
     right_ends[:-1, :, p] = misfit.defects.reshape(m, -1).T
     state, state_ends = np.zeros((2, K, m, m), precision)
-    of_data, of_defects = Corners.empty(p, blocks), Corners.empty(p, blocks)
+    of_data, of_defects = (Corners(np.zeros((blocks, p, p)), np.zeros((blocks, p))) for _ in range(2))
     right = np.zeros((K, m, p + 1), precision)
     return Linearization(state, right, of_data, of_defects, state_ends, right_ends, joined)
 
@@ -468,9 +459,10 @@ def filled(
         for array, places, added in sums:
             array[met[0] : met[-1] + 1][places] += added
     model.state[segments.unconstrained] = np.eye(segments.system.dimension)  # these nodes do not move
-    add_starts(model.state, model.right, segments, misfit.point.nodes, scales)
-    if segments.prior is not None:
-        add_prior(model.of_data.matrices[0], model.of_data.gradients[0], segments.prior, misfit.point, scales)
+    rows, firsts, sizes, unit = slider_starts(segments, misfit.point.nodes, scales)
+    model.state[firsts[:, None], rows, rows] += unit**-2.0
+    model.right[firsts[:, None], rows, -1] -= sizes.T / unit
+    add_prior(model.of_data.matrices[0], model.of_data.gradients[0], misfit)
     if segments.random is not None:
         _add_random_forces(model, segments.random, misfit.point, scales)
     return replace(
@@ -555,10 +547,12 @@ def summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:
     return total
 
 
-def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, scales: Scales) -> None:
-    """Add the priors of unknowns to the border of a quadratic form, whose gradient is `gradient` (p,)."""
-    columns = add_prior_curvature(corner, prior, scales, len(point.theta))
-    gradient[columns] += prior.gradient(point.border, scales.theta)
+def add_prior(corner: Floats, gradient: Floats, misfit: Misfit) -> None:
+    """Add the priors of unknowns, if any, to the border of a quadratic form, whose gradient is `gradient` (p,)."""
+    prior, scales, point = misfit.segments.prior, misfit.scales, misfit.point
+    if prior is not None:
+        columns = add_prior_curvature(corner, prior, scales, len(point.theta))
+        gradient[columns] += prior.gradient(point.border, scales.theta)
 
 
 def add_prior_curvature(matrix: Floats, prior: Prior, scales: Scales, parameters: int) -> Indices:

@@ -29,7 +29,7 @@ from linkwise.likelihood.shooting.segments import (
     Segments,
     V,
     X,
-    cost_of_starts,
+    slider_starts,
 )
 from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.likelihood.terms import Shown, integrated
@@ -401,7 +401,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state[:, None]
     defects *= segments.link_weights
     prior = 0.0 if segments.prior is None else segments.prior.cost(point.border)
-    prior += cost_of_starts(segments, point.nodes, scales)
+    prior += float(np.sum(slider_starts(segments, point.nodes, scales)[2] ** 2))
     if segments.random is not None:
         prior += segments.random.cost(point.nodes, point.border)
     data, continuity = loss.total(residuals), float(np.vdot(defects, defects))

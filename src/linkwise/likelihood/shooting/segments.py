@@ -557,8 +557,10 @@ class Scales:
 _SIZE = 10.0  # times the scale of a state that no channel shows: its root mean square
 
 
-def cost_of_starts(segments: Segments, nodes: Floats, scales: Scales) -> float:
-    """What the states of sliders at the starts of chains of segments add to the cost.
+def slider_starts(
+    segments: Segments, nodes: Floats, scales: Scales
+) -> tuple[Indices, Indices, Floats, float]:
+    """What is known of the states of sliders at the starts of chains of segments.
 
     Parameters
     ----------
@@ -571,37 +573,15 @@ def cost_of_starts(segments: Segments, nodes: Floats, scales: Scales) -> float:
 
     Returns
     -------
-    float
-        The sum of squares over those of their sizes; 0 of many masses, among which neighbours tell of each other.
+    rows, firsts : array of int
+        Rows of the states, and the first segments of chains.
+    sizes : array
+        The states there over their standard deviations, whose squares add to the cost.
+    unit : float
+        These deviations, in units of the states.
     """
-    rows, firsts = _places(segments)
-    if not len(rows):
-        return 0.0
-    return float(np.sum((nodes[rows][:, firsts] / (_SIZE * scales.state[rows, None])) ** 2))
-
-
-def add_starts(
-    state: NDArray[Any], right: NDArray[Any], segments: Segments, nodes: Floats, scales: Scales
-) -> None:
-    """Add that cost to normal equations.
-
-    Parameters
-    ----------
-    state, right : array of shape (K, m, m) and (K, m, p + 1)
-        Diagonal blocks of the nodes, and their right-hand sides, the last column of which is the negative gradient.
-    segments, nodes, scales
-        As of `cost_of_starts`.
-    """
-    rows, firsts = _places(segments)
-    if not len(rows):
-        return
-    state[firsts[:, None], rows, rows] += _SIZE**-2.0
-    right[firsts[:, None], rows, -1] -= (nodes[rows][:, firsts] / scales.state[rows, None]).T / _SIZE**2
-
-
-def _places(segments: Segments) -> tuple[Indices, Indices]:
-    """Rows of the states, and the first segments of chains."""
-    return segments.system.slider_states, np.flatnonzero(np.append(True, ~segments.linked))
+    rows, firsts = segments.system.slider_states, np.flatnonzero(np.append(True, ~segments.linked))
+    return rows, firsts, nodes[rows][:, firsts] / (_SIZE * scales.state[rows, None]), _SIZE
 
 
 _BRIDGED = 2  # segments without a sample of a mass that a rough start may bridge
