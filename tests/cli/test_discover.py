@@ -14,7 +14,7 @@ from problems import chain_record, parsed
 
 import linkwise as lw
 from linkwise.discovery.terms import FAMILIES
-from linkwise.likelihood.shooting import steps as stepping
+from linkwise.likelihood.shooting import minimise as stepping
 
 pytestmark = pytest.mark.usefixtures("unrendered", "inside")
 

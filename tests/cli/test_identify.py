@@ -19,7 +19,7 @@ from structures import asked_oscillator
 import linkwise as lw
 from linkwise.cli.reading_options import RecordOptions
 from linkwise.likelihood.options import AskedFor, errors_to_find
-from linkwise.likelihood.shooting import steps as stepping
+from linkwise.likelihood.shooting import minimise as stepping
 
 pytestmark = pytest.mark.usefixtures("unrendered", "inside")
 

@@ -290,7 +290,7 @@ def test_scores_of_blocks_that_hold_unequal_information(held: float) -> None:
     # the optimum follows the noise, so that the scores there sum to zero
     errors = np.array(
         [
-            BlockScores(own - parts @ moved, parts).by_scores(free)
+            BlockScores(own - parts @ moved, parts).by_scores()
             for own, moved in zip(of_noise, off, strict=True)
         ]
     )

@@ -176,9 +176,8 @@ def test_slopes_of_the_determinant_are_those_of_structures_with_a_term(
     def with_term(candidate: CandidateForce, size: float) -> float:
         ends = places[candidate.first], places[candidate.second]
         wider = with_links(identified, lw.Link("t", ends, f"q*({candidate.law.text})", {"q": size}))
-        return score_test._log_determinant(
-            replace(whole, segments=replace(whole.segments, system=system_with(wider, masses, sample)))
-        )
+        segments = replace(whole.segments, system=system_with(wider, masses, sample))
+        return score_test._log_determinant(replace(whole, misfit=replace(whole.misfit, segments=segments)))
 
     forces = [(one, step) for one, step in candidates if isinstance(one, CandidateForce)]
     slopes = determinant_slopes(optimum, identified, masses, forces)

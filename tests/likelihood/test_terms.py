@@ -17,9 +17,8 @@ from linkwise.estimates.causes import CAUSE_KINDS, FOUND, CauseKind, SensorError
 from linkwise.likelihood.options import OF_FORCE
 from linkwise.likelihood.problem import SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.loss import Gaussian
-from linkwise.likelihood.shooting.normal_equations import whitened_jacobian
-from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.residuals import Gaussian, evaluate
+from linkwise.likelihood.shooting.tangents import whitened_jacobian
 from linkwise.likelihood.terms import ERRORS, Crosstalk, Delay, Drift, Gain, Shown, Term, Waveform
 from linkwise.likelihood.tests.columns import (
     FittedMotion,
@@ -82,22 +81,14 @@ def column_of_test(record: lw.Record, kind: str, channel: str, of: lw.Structure 
     """(M, C, K) what is tested along the motion of the model without the error."""
     _, posed = problem(record, (), of)
     misfit = evaluate(posed.segments, posed.start, posed.scales, Gaussian())
-    optimum = Optimum(posed.segments, misfit, posed.scales, 1.0, 1.0, Gaussian())
+    optimum = Optimum(misfit, 1.0, 1.0)
     motion = FittedMotion(optimum, of, record.channels)
     named = {
         (one.error.kind, one.error.where): one
         for one in chain(inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion))
     }
     columns = TestedColumns.of([named[kind, channel]])
-    rows, _ = whitened_jacobian(
-        posed.segments,
-        misfit,
-        posed.scales,
-        Gaussian(),
-        slice(0, posed.segments.count),
-        columns.forces,
-        columns.errors,
-    )
+    rows, _ = whitened_jacobian(misfit, slice(0, posed.segments.count), columns.forces, columns.errors)
     first = posed.segments.system.dimension + len(of.unknown("all").parameters)
     K = posed.segments.count
     added = rows[:, :, first : first + len(columns.owners)].sum(axis=2)

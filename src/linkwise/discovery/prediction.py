@@ -112,8 +112,7 @@ def block_parabolas(selection: Selection, added: Sequence[int] = ()) -> BlockPar
     scale = optimum.noise**2 * selection.quadratic.overdispersion
     numbers = {k: place for place, k in enumerate((*range(p), *added))}
     slope, curvature = np.zeros_like(scores.scores[0]), np.zeros_like(scores.information[0])
-    if segments.prior is not None:
-        add_prior(curvature, slope, segments.prior, optimum.point, scales)
+    add_prior(curvature, slope, optimum.misfit)
     slopes, curvatures = (
         np.concatenate([[parts[0] - known], parts[1:]])  # the first block has what is known beforehand
         for parts, known in ((scores.scores, slope), (scores.information, curvature))

@@ -18,8 +18,7 @@ from linkwise.expression import symbols
 from linkwise.identification.limit_result import Limit, true_path
 from linkwise.likelihood.fisher_information import Precision, RandomInputs, fisher_information
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.loss import Gaussian
-from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.residuals import Gaussian, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
@@ -416,7 +415,7 @@ def _random_inputs(
         Those, with an amplitude for each sample of each input.
     """
     misfit = evaluate(segments, point, scales, Gaussian())
-    motion = FittedMotion(Optimum(segments, misfit, scales, 0.0, 1.0, Gaussian()), structure)
+    motion = FittedMotion(Optimum(misfit, 0.0, 1.0), structure)
     every, sums, steps = [], [], 2 * refinement // segments.flow_steps_per_tangent
     for name, sigma in noise.items():
         pulls = _pulls(motion, structure, name)  # (2 J + 1, n, K)

@@ -74,8 +74,12 @@ from linkwise.likelihood.random_forces import (
     with_noise_of_signals,
 )
 from linkwise.likelihood.rigs.estimate import rig_estimate
-from linkwise.likelihood.shooting.loss import LOSSES, Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.shooting.residuals import (
+    LOSSES,
+    Gaussian,
+    Loss,
+)
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
 from linkwise.likelihood.shooting.system import held_where_unseen
 from linkwise.likelihood.starts.drift import needs_integration

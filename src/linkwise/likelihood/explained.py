@@ -47,7 +47,7 @@ from linkwise.likelihood.options import (
     with_error,
 )
 from linkwise.likelihood.random_forces import ALL, noise_of_channels, random_forces
-from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.terms import (
     ERRORS,
     PPM,

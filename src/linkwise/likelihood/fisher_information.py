@@ -12,11 +12,10 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.shooting.loss import Gaussian
-from linkwise.likelihood.shooting.normal_equations import chunks, whitened_jacobian
-from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.normal_equations import chunks
+from linkwise.likelihood.shooting.residuals import Gaussian, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
-from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.shooting.tangents import CandidateForces, whitened_jacobian
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +128,10 @@ def fisher_information(
         0 if random is None else random.sums.shape[1],
     )
     forces = None if random is None else random.forces
-    misfit, loss = evaluate(segments, point, scales, Gaussian()), Gaussian()
+    misfit = evaluate(segments, point, scales, Gaussian())
     fisher, diagonal = np.zeros((p, p)), np.zeros(p)
     for part in chunks(segments, p + (0 if forces is None else len(forces.first))):
-        rows, _ = whitened_jacobian(segments, misfit, scales, loss, part, forces)
+        rows, _ = whitened_jacobian(misfit, part, forces)
         states, theta, acting = np.split(rows[..., :-1].astype(float), [m, m + p], axis=2)
         if random is not None:
             known = np.broadcast_to(np.eye(d), (len(rows), d, d))

@@ -30,11 +30,9 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, searched
-from linkwise.likelihood.shooting.loss import with_bounds_for
-from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus
-from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus, AnnealingStep
+from linkwise.likelihood.shooting.residuals import Misfit, with_bounds_for
 from linkwise.likelihood.shooting.segments import Segments
-from linkwise.likelihood.shooting.steps import AnnealingStep
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.terms import Delay, Found, Gain, HighPass, Term, Unknown
 from linkwise.model.structure import Structure
@@ -416,12 +414,9 @@ def _fitted(
         status=fit.status,
         path=fit.path,
         optimum=Optimum(
-            segments,
-            fit.misfit,
-            fit.scales,
+            replace(fit.misfit, segments=segments),
             fit.q,
             explained.noise,
-            annealer.loss,
             explained.coloured,
             None if explained.coloured is None else fit.covariance[:p, :p],
         ),

@@ -43,17 +43,16 @@ import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.noise import evidence
-from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.minimise import (
     Annealer,
     AnnealingFit,
     AnnealingSchedule,
     AnnealingStatus,
 )
-from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Loss, Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.system import MANY
 
 _PARTS, _LENGTH = 8, 500  # pieces of the records, and segments in each, whose log det stands for that of all
 _STEP = 0.5  # standard errors: for the differences of log det by an unknown
@@ -350,7 +349,7 @@ class _LogDeterminant:
     def linear(self) -> Linearization:
         """The linearised equations."""
         misfit = evaluate(self.segments, self.point, self.scales, self.annealer.loss)
-        return linearise(self.segments, misfit, self.scales, self.annealer.loss, self.annealer.executor)
+        return linearise(misfit, self.annealer.executor)
 
     def _inverse_blocks(self) -> Floats:
         """(K, m, m) blocks of the inverse of those of the states; zeros where they are singular."""

@@ -39,12 +39,17 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.linear_model import EliminatedRows, eliminated_rows, linear_model
-from linkwise.likelihood.shooting.loss import Gaussian, Loss
-from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.linear_model import EliminatedRows, eliminated_rows
+from linkwise.likelihood.shooting.minimise import (
+    Annealer,
+    AnnealingFit,
+    AnnealingSchedule,
+    AnnealingStatus,
+    freedom,
+)
+from linkwise.likelihood.shooting.neighbourhoods import linear_model
+from linkwise.likelihood.shooting.residuals import Gaussian, Loss, Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
-from linkwise.likelihood.shooting.steps import freedom
 
 _SIGNIFICANT = 2.5  # the statistic exceeds it by chance once in 130 000 channels
 _SIZEABLE = 0.03  # of the residual power in the wrong part of the band: less does not widen intervals
@@ -202,7 +207,7 @@ def _grid_search(
 
 def evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tuple[float, float]:
     """The most likely factor on the noise (and on q) of this orbit, and -2 log of the marginal likelihood with it."""
-    linear = linear_model(segments, fit.misfit, fit.scales, loss)
+    linear = linear_model(fit.misfit)
     factor = linear.equations(q).factor()
     if factor is None:
         return 1.0, np.inf
@@ -627,7 +632,7 @@ def with_coloured_noise(segments: Segments, fit: AnnealingFit, annealer: Anneale
 def _covariance(
     segments: Segments, fit: AnnealingFit, noise: ColouredNoise, annealer: Annealer
 ) -> Floats | None:
-    rows = eliminated_rows(segments, fit.misfit, fit.scales, annealer.loss, fit.q)
+    rows = eliminated_rows(fit.misfit, fit.q)
     if rows is None:
         return None
     units = fit.scales.theta

@@ -17,8 +17,8 @@ from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.random_forces import HarmonicForce, RandomForce
-from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
+from linkwise.likelihood.shooting.residuals import Gaussian, Loss
 from linkwise.likelihood.terms import (
     ERRORS,
     Constant,

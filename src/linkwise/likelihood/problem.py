@@ -25,9 +25,7 @@ from linkwise.likelihood.random_forces import (
     system_with,
     with_random_forces,
 )
-from linkwise.likelihood.shooting.loss import Gaussian, Prior, RandomStates
-from linkwise.likelihood.shooting.neighbourhoods import MANY
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Gaussian, Misfit, evaluate
 from linkwise.likelihood.shooting.segmentation import (
     cut,
     cut_segments,
@@ -35,8 +33,17 @@ from linkwise.likelihood.shooting.segmentation import (
     require_same_channels,
     with_uncertain_forces,
 )
-from linkwise.likelihood.shooting.segments import A, Iterate, Scales, Segments, Sensors, Waveforms
-from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.segments import (
+    A,
+    Iterate,
+    Prior,
+    RandomStates,
+    Scales,
+    Segments,
+    Sensors,
+    Waveforms,
+)
+from linkwise.likelihood.shooting.system import MANY, System
 from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import segment_nodes, start_states
 from linkwise.likelihood.terms import Block, Term, Unknown, with_integrated

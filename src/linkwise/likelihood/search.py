@@ -39,14 +39,26 @@ from linkwise.likelihood.noise import (
 )
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
-from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information, linear_model
-from linkwise.likelihood.shooting.loss import Gaussian, Loss
-from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
+from linkwise.likelihood.shooting.minimise import (
+    Annealer,
+    AnnealingFit,
+    AnnealingSchedule,
+    AnnealingStatus,
+    freedom,
+)
+from linkwise.likelihood.shooting.neighbourhoods import linear_model
 from linkwise.likelihood.shooting.normal_equations import Linearization
-from linkwise.likelihood.shooting.residuals import LongerSegments, Misfit, SensorErrors, evaluate
+from linkwise.likelihood.shooting.residuals import (
+    Gaussian,
+    LongerSegments,
+    Loss,
+    Misfit,
+    SensorErrors,
+    evaluate,
+)
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
-from linkwise.likelihood.shooting.steps import freedom
+from linkwise.likelihood.shooting.system import MANY
 from linkwise.likelihood.shooting.tangents import CandidateForces
 
 # numbers that are tried: short blocks are many, long ones hold what residuals remember; each divides the one before
@@ -67,34 +79,40 @@ class Optimum:
 
     Attributes
     ----------
-    segments : Segments
-        The records in segments.
     misfit : Misfit
         Residuals and defects at the optimum.
-    scales : Scales
-        Units of the unknowns.
     q : float
         Relaxation of the continuity of the segments.
     noise : float
         Factor on the standard deviations in `scales`.
-    loss : Loss
-        Loss of a residual.
     coloured : ColouredNoise or None
         The noise where it is coloured; the cost takes it for white.
     of_white : array of shape (p, p) or None
         The covariance that the cost alone gives, where the noise is coloured.
     """
 
-    segments: Segments
     misfit: Misfit
-    scales: Scales
     q: float
     noise: float
-    loss: Loss
     coloured: ColouredNoise | None = None
     of_white: Floats | None = None
 
-    @cached_property
+    @property
+    def segments(self) -> Segments:
+        """The records in segments."""
+        return self.misfit.segments
+
+    @property
+    def scales(self) -> Scales:
+        """Units of the unknowns."""
+        return self.misfit.scales
+
+    @property
+    def loss(self) -> Loss:
+        """Loss of a residual."""
+        return self.misfit.loss
+
+    @property
     def point(self) -> Iterate:
         """The unknowns."""
         return self.misfit.point
@@ -124,15 +142,7 @@ class Optimum:
         self, candidates: CandidateForces | None = None, errors: SensorErrors | None = None, blocks: int = 1
     ) -> Linearization:
         """Gauss-Newton blocks, with amplitudes of `candidates` and sizes of `errors` among the unknowns."""
-        return linear_model(
-            self.segments,
-            self.misfit,
-            self.scales,
-            self.loss,
-            candidates=candidates,
-            errors=errors,
-            blocks=blocks,
-        )
+        return linear_model(self.misfit, candidates, errors, blocks)
 
     def block_scores(self, blocks: int, candidates: CandidateForces | None = None) -> BlockScores | None:
         """Scores of so many consecutive blocks of segments; None where the equations are singular.
@@ -159,99 +169,93 @@ class BlockScores:
         firsts = np.searchsorted(label, np.arange(blocks))
         return BlockScores(np.add.reduceat(self.scores, firsts), np.add.reduceat(self.information, firsts))
 
-    def ratios(self, free: Bools, noise: float, deviations: Callable[[BlockScores, Bools], Floats]) -> Floats:
+    def within(self, chosen: Indices | Bools) -> BlockScores:
+        """Those of some of the unknowns alone."""
+        return BlockScores(self.scores[:, chosen], self.information[:, chosen][:, :, chosen])
+
+    def ratios(self, free: Bools, noise: float, deviations: Callable[[BlockScores], Floats]) -> Floats:
         """(p,) standard errors by blocks over those of white `noise`, the larger in either number; 1 where not `free`."""
-        chosen, ratios = np.flatnonzero(free), np.ones(len(free))
-        inverse = np.linalg.inv(self.information.sum(axis=0)[np.ix_(chosen, chosen)])
+        own, ratios = self.within(free), np.ones(len(free))
+        inverse = np.linalg.inv(own.information.sum(axis=0))
         white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
-        by_blocks = [deviations(self.merged(blocks), free)[chosen] for blocks in BLOCKS]
-        ratios[chosen] = np.max(by_blocks, axis=0) / white
+        ratios[free] = np.max([deviations(own.merged(blocks)) for blocks in BLOCKS], axis=0) / white
         return ratios
 
-    def deviations(self, free: Bools) -> Floats:
-        """(p,) standard errors by leaving out one block at a time, widened to normal quantiles; zero where not `free`."""
-        chosen, blocks = np.flatnonzero(free), len(self.scores)
-        moved = np.einsum("bij,bj->bi", self._inverses_without_each(chosen), self.scores[:, chosen])
+    def deviations(self) -> Floats:
+        """(p,) standard errors by leaving out one block at a time, widened to normal quantiles."""
+        blocks = len(self.scores)
+        moved = np.einsum("bij,bj->bi", self._inverses_without_each, self.scores)
         variance = (blocks - 1) / blocks * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0)
-        out = np.zeros(len(free))
-        out[chosen] = _normal_quantiles(blocks - 1) * np.sqrt(variance)
-        return out
+        return np.asarray(_normal_quantiles(blocks - 1) * np.sqrt(variance))
 
-    def by_scores(self, free: Bools) -> Floats:
-        """(p,) standard errors by the scores of blocks at the common optimum, widened to normal quantiles; zero where not
-        `free`. One block that holds nearly all information, as a hit of a hammer does, does not inflate them.
+    def by_scores(self) -> Floats:
+        """(p,) standard errors by the scores of blocks at the common optimum, widened to normal quantiles. One block that
+        holds nearly all information, as a hit of a hammer does, does not inflate them.
 
         The optimum follows the blocks that hold much of the information, whose scores are less there: each is enlarged to what
         white noise gives it without that, and few such blocks have few degrees of freedom (Bell and McCaffrey 2002); not where
         hardly more than one tells an unknown.
         """
-        chosen, blocks = np.flatnonzero(free), len(self.scores)
-        unit, _, weights = self._enlarged(chosen)
-        pull = (self.scores - self.scores.mean(axis=0))[:, chosen] @ unit.T
-        degrees = self.degrees(free)[chosen]
+        blocks, (unit, _, weights), degrees = len(self.scores), self._enlarged, self.degrees
+        pull = (self.scores - self.scores.mean(axis=0)) @ unit.T
         plain = blocks / (blocks - 1) * np.sum((pull @ unit) ** 2, axis=0)
         enlarged = np.sum(np.einsum("bci,bi->bc", weights, pull) ** 2, axis=0)
         few = degrees < _FEWEST
-        out = np.zeros(len(free))
-        out[chosen] = _normal_quantiles(np.where(few, blocks - 1, degrees)) * np.sqrt(
-            np.where(few, plain, enlarged)
-        )
-        return out
+        variance = np.where(few, plain, enlarged)
+        return np.asarray(_normal_quantiles(np.where(few, blocks - 1, degrees)) * np.sqrt(variance))
 
-    def degrees(self, free: Bools) -> Floats:
-        """(p,) degrees of freedom of the standard errors by scores: how many blocks tell it; zero where not `free`."""
-        chosen = np.flatnonzero(free)
-        _, shares, weights = self._enlarged(chosen)
-        rows = weights.transpose(1, 0, 2)  # (c, b, i)
+    @property
+    def degrees(self) -> Floats:
+        """(p,) degrees of freedom of the standard errors by scores: how many blocks tell an unknown."""
+        _, shares, weights = self._enlarged
+        rows = weights.transpose(1, 0, 2)  # (p, b, i)
         followed = np.einsum("cbi,bij->cbj", rows, shares)
         covariance = -followed @ followed.transpose(0, 2, 1)
         covariance[:, np.arange(len(shares)), np.arange(len(shares))] += np.sum(followed * rows, axis=2)
-        out = np.zeros(len(free))
-        out[chosen] = _degrees(covariance)
-        return out
+        return _degrees(covariance)
 
     def told(self, free: Bools) -> Bools:
-        """(p,) whether enough blocks hold information on an unknown, in either number, for their scatter to be its error."""
-        degrees = np.array([self.merged(blocks).degrees(free) for blocks in BLOCKS])
+        """(p,) whether enough blocks hold information on an unknown, in either number, for their scatter to be its error;
+        False where not `free`.
+        """
+        degrees, own = np.zeros((len(BLOCKS), len(free))), self.within(free)
+        degrees[:, free] = [own.merged(blocks).degrees for blocks in BLOCKS]
         return np.asarray((degrees >= _FEWEST).all(axis=0))
 
-    def _enlarged(self, chosen: Indices) -> tuple[Floats, Floats, Floats]:
-        """The unit (c, c) in which the information on the `chosen` unknowns is 1, the shares (B, c, c) of blocks in it, and
-        what their scores in that unit move the unknowns by, enlarged, (B, c, c).
+    @cached_property
+    def _enlarged(self) -> tuple[Floats, Floats, Floats]:
+        """The unit (p, p) in which the information is 1, the shares (B, p, p) of blocks in it, and what their scores in that
+        unit move the unknowns by, enlarged, (B, p, p).
         """
-        parts = self.information[:, chosen][:, :, chosen]
-        unit = np.linalg.inv(np.linalg.cholesky(parts.sum(axis=0)))
-        shares = unit @ parts @ unit.T
+        unit = np.linalg.inv(np.linalg.cholesky(self.information.sum(axis=0)))
+        shares = unit @ self.information @ unit.T
         sizes, axes = np.linalg.eigh(shares)
         enlarged = 1.0 / np.sqrt(np.maximum(1.0 - sizes, _SHARED))
         return unit, shares, unit.T @ (axes * enlarged[:, None, :]) @ axes.transpose(0, 2, 1)
 
-    def chances(self, free: Bools, noise: float) -> Floats:
-        """(p,) probabilities that noise alone scatters estimates without one block so far; 1 where not `free`.
+    def chances(self, noise: float) -> Floats:
+        """(p,) probabilities that noise alone scatters estimates without one block so far.
 
         Scores of noise have the covariance that the information says, times `noise` squared, and sum to zero; the sum of
         squares is taken for a multiple of chi-square with its mean and variance (Satterthwaite, Biometrics Bulletin 2, 1946).
         """
-        chosen = np.flatnonzero(free)
-        inverses, parts = self._inverses_without_each(chosen), self.information[:, chosen][:, :, chosen]
-        moved = np.einsum("bij,bj->bi", inverses, self.scores[:, chosen]) / noise
+        inverses, parts = self._inverses_without_each, self.information
+        moved = np.einsum("bij,bj->bi", inverses, self.scores) / noise
         squares = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0)
-        of_whole, out = np.linalg.inv(parts.sum(axis=0)), np.ones(len(free))
         # of each unknown c, from the scores of each block b
         followed = (parts @ inverses.transpose(0, 2, 1)).transpose(2, 0, 1)
+        covariance = -(followed @ np.linalg.inv(parts.sum(axis=0)) @ followed.transpose(0, 2, 1))
         own = np.einsum("bcu,cbu->cb", inverses, followed)
-        covariance = -(followed @ of_whole @ followed.transpose(0, 2, 1))
         covariance[:, np.arange(len(parts)), np.arange(len(parts))] += own
         covariance -= covariance.mean(axis=1, keepdims=True)
         covariance -= covariance.mean(axis=2, keepdims=True)
         mean, degrees = np.trace(covariance, axis1=1, axis2=2), _degrees(covariance)
-        out[chosen] = scipy.special.chdtrc(degrees, degrees * squares / mean)
-        return out
+        return np.asarray(scipy.special.chdtrc(degrees, degrees * squares / mean))
 
-    def _inverses_without_each(self, chosen: Indices) -> Floats:
-        """(B, c, c) inverses of the information on the `chosen` unknowns with one block left out."""
-        parts = self.information[:, chosen][:, :, chosen]
-        return np.linalg.inv(parts.sum(axis=0) - parts)
+    @cached_property
+    def _inverses_without_each(self) -> Floats:
+        """(B, p, p) inverses of the information with one block left out."""
+        return np.linalg.inv(self.information.sum(axis=0) - self.information)
 
     def single_ratios(self, parameters: int) -> Floats:
         """(p,) squared ratios of the scatter of the blocks to what the information says, one unknown at a time.
@@ -325,11 +329,13 @@ def block_scatter(optimum: Optimum, free: Bools, scores: BlockScores | None = No
         if np.max(ratios) > _ALONE:
             ratios = scores.ratios(free, optimum.noise, BlockScores.by_scores)
         ratios = np.maximum(ratios, 1.0)
-        chances = np.fmin(*(scores.merged(blocks).chances(free, optimum.noise) for blocks in BLOCKS))
+        own = scores.within(np.flatnonzero(free))
+        chances = np.fmin(*(own.merged(blocks).chances(optimum.noise) for blocks in BLOCKS))
     except np.linalg.LinAlgError:
         return None
-    tested = len(BLOCKS) * int(np.count_nonzero(free[:p]))
-    return BlockScatter(ratios, min(1.0, tested * float(np.min(chances[:p], initial=1.0))))
+    tested = int(np.count_nonzero(free[:p]))
+    lowest = float(np.min(chances[:tested], initial=1.0))
+    return BlockScatter(ratios, min(1.0, len(BLOCKS) * tested * lowest))
 
 
 def blocks_of_scatter(segments: Segments) -> int:
@@ -376,7 +382,7 @@ def within_reach(segments: Segments, start: Iterate, scales: Scales, loss: Loss)
         if not wild.any():
             break
         calmer = replace(misfit.point, nodes=np.where(wild, 0.5, 1.0) * misfit.point.nodes)
-        misfit = evaluate(segments, calmer, scales, loss)
+        misfit = misfit.at(calmer)
         wild = _runs_away(segments, misfit, scales)
     return misfit
 
@@ -405,7 +411,7 @@ def states_by_held_laws(segments: Segments, start: Misfit, scales: Scales, annea
     system, theta = segments.system, start.point.theta
     fixed_system = replace(system, parameters=replace(system.parameters, lower=theta, upper=theta))
     fit = annealer(replace(segments, system=fixed_system), start, scales, _SCHEDULE)
-    return evaluate(segments, replace(start.point, nodes=fit.point.nodes), scales, annealer.loss)
+    return start.at(replace(start.point, nodes=fit.point.nodes))
 
 
 def _runs_away(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
@@ -558,7 +564,7 @@ def _with_model_error(
     chi_square = factor**2
     ratios: Floats | None = np.ones(len(fit.covariance))
     if not did_not_converge(fit):
-        optimum = Optimum(segments, fit.misfit, fit.scales, fit.q, factor, annealer.loss)
+        optimum = Optimum(fit.misfit, fit.q, factor)
         scatter = block_scatter(optimum, ~fit.at_bound)
         ratios = None if scatter is None else scatter.ratios
     judged = ratios is not None and _are_small(segments, fit)

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.likelihood.shooting.bordered_system import BorderedSystem, Damping, excess
 from linkwise.likelihood.shooting.linear_model import covariance
+from linkwise.likelihood.shooting.normal_equations import (
+    BorderedSystem,
+    excess,
+)
 from linkwise.likelihood.shooting.segments import Scales
 
 
@@ -126,7 +129,7 @@ def test_what_is_not_positive_definite_has_no_factor_unless_it_is_damped(node: i
 
     assert equations().factor() is None
     added = np.full((7, m), 1e4), np.full(5, 1e4)
-    states, border = present(present(equations().factor(Damping(*added))).solve(np.ones(5, bool)))
+    states, border = present(present(equations().factor(added)).solve(np.ones(5, bool)))
     matrix, gradient = dense(equations())
     expected = np.linalg.solve(matrix + 1e4 * np.eye(len(matrix)), gradient)
     assert np.append(states, border) == pytest.approx(expected, rel=1e-8, abs=1e-10)

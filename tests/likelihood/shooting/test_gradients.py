@@ -23,12 +23,17 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.bordered_system import BorderedSystem
-from linkwise.likelihood.shooting.loss import ClippedReadings, Gaussian, Huber, Loss, Student
-from linkwise.likelihood.shooting.normal_equations import linearise
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.normal_equations import BorderedSystem, linearise
+from linkwise.likelihood.shooting.residuals import (
+    Gaussian,
+    Huber,
+    Loss,
+    Misfit,
+    Student,
+    evaluate,
+)
 from linkwise.likelihood.shooting.segmentation import cut_segments
-from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.segments import ClippedReadings, Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.terms import Delay, Drift, Gain, Hum, Offset, Term
 
@@ -136,7 +141,7 @@ def test_the_gradient_is_the_costs_difference(
     segments: Segments, scales: Scales, point: Iterate, loss: Loss, beside: dict[int, list[Misfit]], q: float
 ) -> None:
     misfit = evaluate(segments, point, scales, loss)
-    equations = linearise(segments, misfit, scales, loss).equations(q)
+    equations = linearise(misfit).equations(q)
     computed = gradient(equations)
     curvature = np.concatenate([np.einsum("kii->ki", equations.diagonal).ravel(), np.diag(equations.corner)])
     expected, checked = np.zeros_like(computed), some(beside)
@@ -233,7 +238,7 @@ def test_slopes_by_errors_of_sensors_are_the_costs_differences(kind: str, q: flo
     def cost(border: np.ndarray) -> float:
         return evaluate(segments, point.moved(point.nodes, border), scales, Gaussian()).cost(q)
 
-    linear = linearise(segments, evaluate(segments, point, scales, Gaussian()), scales, Gaussian())
+    linear = linearise(evaluate(segments, point, scales, Gaussian()))
     computed = -2.0 * linear.equations(q).corner_gradient
     names = [parameter.name for parameter in true.unknown("all").parameters]
     shapes = [number for number, name in enumerate(names) if ".shape." in name]

@@ -21,8 +21,8 @@ from linkwise.likelihood.checks.jumps import moment
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.search import BLOCKS, BlockScores, blocks_of_scatter
-from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, block_ends
+from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.diagnosis import TestedCauses
 from linkwise.records.record import Record
@@ -130,7 +130,7 @@ def _significant_change(
     if segments.prior is not None:
         add_prior_curvature(known, segments.prior, fit.optimum.scales, parameters.size)
     within = np.ix_(some, some)
-    of_some = BlockScores(scores.scores[:, some], scores.information[:, some][:, :, some])
+    of_some = scores.within(some)
     try:
         pull, left, scatter = _changes(of_some, known[within], len(free))
     except np.linalg.LinAlgError:

@@ -31,8 +31,8 @@ from linkwise.likelihood.fit import LikelihoodFit, with_values
 from linkwise.likelihood.marginal import is_long, relaxation
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import BLOCKS, FEWEST, BlockScores, Optimum, blocks_of_scatter
-from linkwise.likelihood.shooting.loss import Prior
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.segments import Prior
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.model.coefficient import MASS
 from linkwise.model.structure import Structure
@@ -259,8 +259,8 @@ def _tightened(optimum: Optimum, factor: float) -> Optimum:
     if random is None:
         return replace(optimum, q=max(factor * optimum.q, AnnealingSchedule.final_q))
     quieter = replace(random.scaled(np.full(len(random.rows), factor)), slope=None, origin=None)
-    segments = replace(segments, random=quieter)
-    return replace(optimum, segments=segments, q=relaxation(segments, optimum.scales, optimum.point))
+    misfit = replace(optimum.misfit, segments=replace(segments, random=quieter))
+    return replace(optimum, misfit=misfit, q=relaxation(misfit.segments, optimum.scales, optimum.point))
 
 
 def _diagnosed(

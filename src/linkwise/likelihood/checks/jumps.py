@@ -19,7 +19,7 @@ import scipy
 from linkwise.arrays import Floats, Indices
 from linkwise.estimates.causes import EVENT, Cause
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.diagnosis import TestedCauses, least_gain
 from linkwise.likelihood.tests.variances import (

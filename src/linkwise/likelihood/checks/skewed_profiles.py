@@ -35,8 +35,7 @@ from linkwise.likelihood.optima.other_optima import (
 from linkwise.likelihood.optima.profiles import Profile
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.linear_model import FactoredModel
-from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.likelihood.shooting.steps import pull_of_defects
+from linkwise.likelihood.shooting.minimise import pull_of_defects
 from linkwise.likelihood.tests.diagnosis import TestedCauses
 from linkwise.likelihood.tests.variances import free_of_bounds
 from linkwise.runtime import one_blas_thread
@@ -235,12 +234,7 @@ class _Profiles:
         moved = border * optimum.scales.theta
         point = misfit.point
         both = [
-            evaluate(
-                optimum.segments,
-                point.moved(point.nodes + part * nodes, point.border + part * moved),
-                optimum.scales,
-                optimum.loss,
-            ).defects
+            misfit.at(point.moved(point.nodes + part * nodes, point.border + part * moved)).defects
             for part in (length, -length)
         ]
         bent = (both[0] + both[1] - 2.0 * misfit.defects) / length**2

@@ -16,7 +16,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.shooting.loss import RandomStates
+from linkwise.likelihood.shooting.segments import RandomStates
 from linkwise.likelihood.tests.variances import (
     DRAWS,
     LARGEST,

@@ -29,7 +29,7 @@ from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.checks.judgement import LARGEST_SHIFT
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import BLOCKS, EQUAL, BlockScatter, block_scatter
-from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.tests.columns import largest_damping
 from linkwise.likelihood.tests.diagnosis import (
     LARGEST,

@@ -48,9 +48,9 @@ from linkwise.likelihood.fit import CostShape, LikelihoodFit, inflation_beside_o
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.segments import A, F, Iterate, S, V, X
+from linkwise.likelihood.shooting.system import MANY
 from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 
@@ -508,7 +508,7 @@ def _stays_chaotic(fit: LikelihoodFit) -> bool:
     acting = [values for values in (inputs.force, inputs.base, inputs.frame) if values is not None]
     if not acting or len(fit.segments.system.incidence) >= MANY:
         return False
-    linear = linearise(optimum.segments, fit.misfit, optimum.scales, optimum.loss)
+    linear = linearise(optimum.misfit)
     apart = np.random.default_rng(_SEED).normal(size=linear.joined.shape[1])
     parted = most = 0.0
     for end, joined in zip(linear.state_ends, linear.joined, strict=True):

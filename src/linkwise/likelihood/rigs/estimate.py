@@ -172,8 +172,7 @@ class RigFit:
             np.stack([rows[part].sum(axis=0) for part in parts]),
             np.stack([weighted[part].T @ weighted[part] + known / len(parts) for part in parts]),
         )
-        every = np.ones(weighted.shape[1], dtype=bool)
-        return np.asarray(np.max([blocks.merged(count).by_scores(every) for count in _BLOCKS], axis=0))
+        return np.asarray(np.max([blocks.merged(count).by_scores() for count in _BLOCKS], axis=0))
 
 
 def rig_fit(

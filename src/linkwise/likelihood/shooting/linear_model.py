@@ -24,146 +24,23 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem
-from linkwise.likelihood.shooting.local_equations import local_linearization
-from linkwise.likelihood.shooting.loss import Loss
-from linkwise.likelihood.shooting.neighbourhoods import (
-    MANY,
-    LocalRows,
-    Neighbourhood,
-    clusters,
-    neighbourhoods,
-    reach,
-)
 from linkwise.likelihood.shooting.normal_equations import (
+    BorderedFactor,
+    BorderedSystem,
     Linearization,
     add_prior,
     block_ends,
     chunks,
     linearise,
-    whitened_jacobian,
     with_common_shift,
 )
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
-from linkwise.likelihood.shooting.segments import F, S, Scales, Segments
-from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.shooting.segments import Scales, Segments
+from linkwise.likelihood.shooting.tangents import CandidateForces, whitened_jacobian
 from linkwise.runtime import processors
 
 _LOOSER = (3.0, 10.0, 30.0, 100.0)  # times the relaxation, for a covariance
 _ROUNDED = 1e-13  # of the diagonal of the border: information of which rounding hides more than a hundredth
-_WORTHWHILE = 0.9  # of the sensitivities of the whole: what groups may have of them
-
-
-def linear_model(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    candidates: CandidateForces | None = None,
-    errors: SensorErrors | None = None,
-    blocks: int = 1,
-) -> Linearization:
-    """Gauss-Newton model at a point, in as many threads as there are processors; by groups of columns where there are any.
-
-    Parameters
-    ----------
-    segments, misfit, scales, loss, candidates, errors, blocks
-        As of `linearise`.
-
-    Returns
-    -------
-    Linearization
-        The model.
-    """
-    groups = groups_at(segments, misfit, scales, candidates, errors)
-    with ThreadPoolExecutor(processors()) as threads:
-        if groups:
-            rows = LocalRows(segments, misfit, scales, loss, groups, candidates, errors)
-            return local_linearization(rows, threads, blocks)
-        return linearise(segments, misfit, scales, loss, threads, candidates, errors, blocks)
-
-
-def groups_at(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    candidates: CandidateForces | None = None,
-    errors: SensorErrors | None = None,
-) -> list[Neighbourhood]:
-    """The groups of columns by which to linearise at a point: none where influences reach most of the structure.
-
-    Parameters
-    ----------
-    segments, misfit, scales, candidates, errors
-        As of `linearise`.
-
-    Returns
-    -------
-    list of Neighbourhood
-        The groups; where coefficients change little, what they reach does not.
-    """
-    if not _separable(segments):
-        return []
-    reached = reach(segments, misfit, scales)
-    origins = column_origins(segments, candidates, errors)
-    moving = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
-    groups = neighbourhoods(segments, reached, clusters(segments.system), origins, moving)
-    m, n = segments.system.dimension, len(segments.system.incidence)
-    handled = sum(len(group.masses) * group.size for group in groups)
-    return groups if handled < _WORTHWHILE * n * (m + len(origins)) else []
-
-
-def _separable(segments: Segments) -> bool:
-    """Whether there are many masses, and nothing that acts on all of them at once."""
-    sensors = segments.sensors
-    hosts = len(segments.system.points) > 0 or sensors.shapes is not None
-    return (
-        len(segments.system.incidence) >= MANY
-        and segments.random is None
-        and not hosts
-        and not sensors.gains
-        and not sensors.delays
-        and not sensors.waveforms
-    )
-
-
-def column_origins(
-    segments: Segments, candidates: CandidateForces | None, errors: SensorErrors | None
-) -> list[Indices]:
-    """Of each column of the border the masses on which the unknown acts, or whose sensors it changes.
-
-    Parameters
-    ----------
-    segments, candidates, errors
-        As of `linear_model`.
-
-    Returns
-    -------
-    list of array of int
-        The masses.
-    """
-    system, sensors = segments.system, segments.sensors
-    touched = [np.flatnonzero(column) for column in system.incidence.T]
-    masses: list[set[int]] = [set() for _ in range(system.parameters.size)]
-    for link, column, _ in system.interactions:
-        masses[column] |= set(touched[link].tolist())
-    for mass, column in np.argwhere(system.parameters.mass_map).tolist():
-        masses[column].add(mass)
-
-    def of_channel(channel: int) -> set[int]:
-        place = int(sensors.mass[channel])
-        if sensors.kind[channel] not in (F, S):
-            return {place}
-        return set(touched[int(system.state_links[place]) if sensors.kind[channel] == S else place].tolist())
-
-    if candidates is not None:
-        ends = zip(candidates.first.tolist(), candidates.second.tolist(), strict=True)
-        masses += [{end for end in pair if end >= 0} for pair in ends]
-    if errors is not None:
-        masses += [of_channel(channel) for channel in errors.channel.tolist()]
-    for offset in range(sensors.offsets):
-        masses.append(set().union(*map(of_channel, np.flatnonzero(sensors.offset == offset).tolist())))
-    return [np.array(sorted(own_masses), dtype=int) for own_masses in masses]
 
 
 def precise_model(
@@ -303,16 +180,14 @@ class EliminatedRows:
 
 
 def eliminated_rows(
-    segments: Segments,
     misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
     q: float,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
 ) -> Iterator[EliminatedRows] | None:
     """The rows of all segments, chunk by chunk; None where the equations are singular."""
-    linear = linearise(segments, misfit, scales, loss, candidates=candidates, errors=errors)
+    segments = misfit.segments
+    linear = linearise(misfit, candidates=candidates, errors=errors)
     factor = linear.equations(q).factor()
     if factor is None:
         return None
@@ -323,7 +198,7 @@ def eliminated_rows(
     weights[:-1], missed[:-1] = segments.link_weights.T, misfit.defects.reshape(m, -1).T
 
     def chunk(part: slice) -> EliminatedRows:
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
+        rows, ends = whitened_jacobian(misfit, part, candidates, errors)
         node = follow[part]
         defects = ends[..., m:] - ends[..., :m] @ node + following[part]
         defects *= weights[part, :, None] / q
@@ -404,19 +279,13 @@ def but_the_last(equations: BorderedSystem, before: BorderedFactor | None) -> Bo
 
 
 def tested_in_pieces(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    q: float,
-    candidates: CandidateForces,
-    errors: SensorErrors | None,
+    misfit: Misfit, q: float, candidates: CandidateForces, errors: SensorErrors | None
 ) -> BorderedFactor | None:
     """The equations of parameters and of sizes of what is tested, all nodes eliminated.
 
     Parameters
     ----------
-    segments, misfit, scales, loss, candidates, errors
+    misfit, candidates, errors
         As of `linearise`.
     q : float
         Relaxation.
@@ -426,21 +295,21 @@ def tested_in_pieces(
     BorderedFactor or None
         The factor, of which `schur` and `reduced` are these equations; None where they are not positive definite.
     """
+    segments = misfit.segments
     left: BorderedFactor | None = None
     with ThreadPoolExecutor(processors()) as executor:
         for first, last in pairwise(piece_ends(segments.linked).tolist()):
             part = slice(first, last + 1)
             some = None if errors is None else replace(errors, values=errors.values[..., part])
-            piece, forces = piece_between(segments, first, last), candidates.part(part)
-            linear = linearise(piece, misfit.part(part), scales, loss, executor, forces, some)
+            piece = misfit.part(part, piece_between(segments, first, last))
+            linear = linearise(piece, executor, candidates.part(part), some)
             left = but_the_last(linear.equations(q), left).factor()
             if left is None:
                 return None
     assert left is not None  # there is a piece at least
     m = len(misfit.point.nodes)
     corner, gradient = left.schur[m:, m:].copy(), left.reduced[m:].copy()
-    if segments.prior is not None:
-        add_prior(corner, gradient, segments.prior, misfit.point, scales)
+    add_prior(corner, gradient, misfit)
     right = np.column_stack([left.schur[:m, m:], left.reduced[:m]])
     return BorderedSystem(
         left.schur[None, :m, :m], np.empty((0, m, m)), right[None], corner, gradient

@@ -2,12 +2,13 @@
 
 Neighbouring masses form clusters. Their states and the coefficients of their links are columns of sensitivities that differ
 from zero only near them: how near follows from the sensitivities of some segments, computed for the whole structure. Rows of
-the Jacobian are computed group by group of columns, and products only of groups that meet in a row.
+the Jacobian are computed group by group of columns, and products only of groups that meet in a row (`local_linearization`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,20 +16,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.normal_equations import (
+    Linearization,
+    Sums,
+    empty_model,
+    filled,
+    linearise,
+    summed,
+)
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
-from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments, V, X, as_slice
-from linkwise.likelihood.shooting.system import MANY as MANY
-from linkwise.likelihood.shooting.system import NumericSystem, System
+from linkwise.likelihood.shooting.segments import A, F, S, Segments, V, X, as_slice
+from linkwise.likelihood.shooting.system import MANY, System
 from linkwise.likelihood.shooting.tangents import (
     CandidateForces,
     Single,
     TangentForces,
-    Transfer,
     march,
-    tangent_forces,
-    units_of_states,
 )
+from linkwise.runtime import processors
 
 TOLERANCE = 1e-3
 """Of the largest sensitivity to an unknown, all in units of the noise and of the defects: the largest that is left out."""
@@ -114,17 +119,13 @@ def adjacency(system: System) -> Bools:
     return np.asarray(touches @ touches.T > 0.0) | np.eye(len(touches), dtype=bool)
 
 
-def reach(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
+def reach(misfit: Misfit) -> Bools:
     """Which masses an influence reaches within a segment.
 
     Parameters
     ----------
-    segments : Segments
-        The records in segments.
     misfit : Misfit
-        The orbit.
-    scales : Scales
-        Units of the unknowns.
+        That along the orbit.
 
     Returns
     -------
@@ -132,22 +133,13 @@ def reach(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
         Whether a mass (column) moves another (row) by more than `TOLERANCE` within some segment, of those where the links
         are steepest and of some others.
     """
+    segments, scales = misfit.segments, misfit.scales
     system, n = segments.system, len(segments.system.incidence)
-    mechanics, thinned = system.at(misfit.point.theta), segments.flow_steps_per_tangent
-    some = _sampled(segments, misfit)
-    step = segments.step[some] * thinned
-    orbit = misfit.trajectories.part(some).thinned(thinned)
-    unit, inputs = scales.theta[: system.parameters.size], segments.inputs.part(some)
-    forces = tangent_forces(mechanics, orbit, step, unit, inputs=inputs)
-    masses, links, memory = map(np.arange, (n, system.incidence.shape[1], len(system.states)))
-    columns = np.arange(len(scales.state))
-    transfer = Transfer.of(mechanics.incidence, mechanics.gain)
+    orbit, step, inputs = misfit.along_tangents(_sampled(misfit))
+    unit, columns = scales.theta[: system.parameters.size], np.arange(len(scales.state))
+    forces = TangentForces(misfit.mechanics, orbit, step, unit, inputs=inputs)
     largest = np.zeros((len(columns), n))
-    for tangent in march(
-        transfer,
-        forces.within(masses, links, memory, columns),
-        *units_of_states(scales.state, step, n, len(columns)),
-    ):
+    for tangent in march(forces.within(forces.masses, forces.links, forces.states, columns), scales.state):
         for motion, unit in (
             (tangent.state[0], scales.state[:n, None]),
             (tangent.state[1], scales.state[n : 2 * n, None] * step),
@@ -160,9 +152,10 @@ def reach(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
     return np.asarray(reached | np.eye(n, dtype=bool))
 
 
-def _sampled(segments: Segments, misfit: Misfit) -> Indices:
+def _sampled(misfit: Misfit) -> Indices:
     """The segments whose sensitivities decide."""
-    mechanics, orbit = segments.system.at(misfit.point.theta), misfit.trajectories
+    segments = misfit.segments
+    mechanics, orbit = misfit.mechanics, misfit.trajectories
     slopes = mechanics.partials(orbit.links[0, 0], orbit.links[0, 1], orbit.memory[0])
     strength = np.abs(mechanics.link_gain.diagonal()[:, None] * slopes.by_d)
     strength /= np.maximum(strength.max(axis=1, keepdims=True), np.finfo(float).tiny)
@@ -267,10 +260,7 @@ class LocalRows:
     ones the first two.
     """
 
-    segments: Segments
     misfit: Misfit
-    scales: Scales
-    loss: Loss
     groups: Sequence[Neighbourhood]
     candidates: CandidateForces | None = None
     errors: SensorErrors | None = None
@@ -279,7 +269,7 @@ class LocalRows:
     def moving(self) -> int:
         """Columns of the border that act on the motion, which come first."""
         forces = 0 if self.candidates is None else len(self.candidates.first)
-        return self.segments.system.parameters.size + forces
+        return self.misfit.segments.system.parameters.size + forces
 
     @property
     def fixed(self) -> int:
@@ -288,41 +278,32 @@ class LocalRows:
 
     def part(self, part: slice) -> tuple[list[GroupRows], Floats]:
         """The rows of some segments by group, and the whitened residuals (k, C, M)."""
-        segments, misfit = self.segments, self.misfit
-        root = misfit.roots(segments, self.loss, part)
-        whiten = (root / segments.deviations(self.scales, part)).astype(np.float32)
-        mechanics = segments.system.at(misfit.point.theta)
-        step = segments.step[part] * segments.flow_steps_per_tangent
-        orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
+        misfit, segments = self.misfit, self.misfit.segments
+        root, whiten = misfit.weights(part)
+        orbit, step, inputs = misfit.along_tangents(part)
         candidates = None if self.candidates is None else self.candidates.part(part)
-        unit = self.scales.theta[: segments.system.parameters.size]
-        inputs = segments.inputs.part(part)
-        forces = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
-        rows = [self._of_group(group, mechanics, forces, part, step, whiten) for group in self.groups]
+        unit = misfit.scales.theta[: segments.system.parameters.size]
+        forces = TangentForces(misfit.mechanics, orbit, step, unit, candidates, inputs=inputs)
+        rows = [self._of_group(group, forces, part, whiten) for group in self.groups]
         return rows, (root * misfit.pulling[..., part]).transpose(2, 1, 0)
 
     def _of_group(
         self,
         group: Neighbourhood,
-        mechanics: NumericSystem,
         forces: TangentForces,
         part: slice,
-        step: Floats,
         whiten: Single,
     ) -> GroupRows:
-        segments, m = self.segments, len(self.scales.state)
+        segments, scale, step = self.misfit.segments, self.misfit.scales.state, forces.step
         width = group.moving
-        columns = np.concatenate([group.states, m + group.border])[:width]
+        columns = np.concatenate([group.states, len(scale) + group.border])[:width]
         M = len(segments.samples)
         data: NDArray[Any] = np.zeros((len(step), len(group.channels), M, group.size), np.float32)
         ends: NDArray[Any] = np.zeros((len(step), len(group.rows), width), np.float32)
         if width:
             own = forces.within(group.masses, group.links, group.memory, columns)
-            inside = np.ix_(group.masses, group.links)
-            transfer = Transfer.of(mechanics.incidence[inside], mechanics.gain[inside])
-            steps = march(transfer, own, *self._units(group, step, width))
             shown = self._shown_by(group, step)
-            for number, tangent in enumerate(steps):
+            for number, tangent in enumerate(march(own, scale)):
                 sample, between = divmod(number, segments.tangent_refine)
                 if tangent.acceleration is None or between:
                     continue
@@ -336,7 +317,7 @@ class LocalRows:
             ends[:, :r] = tangent.state[0].transpose(2, 0, 1)
             ends[:, r : 2 * r] = (tangent.state[1] * rate).transpose(2, 0, 1)
             ends[:, 2 * r :] = tangent.memory.transpose(2, 0, 1)
-            ends /= self.scales.state[group.rows, None].astype(np.float32)
+            ends /= scale[group.rows, None].astype(np.float32)
         self._add_errors(data, group, part, whiten)
         return GroupRows(data, ends)
 
@@ -344,7 +325,7 @@ class LocalRows:
         self, group: Neighbourhood, step: Floats
     ) -> list[tuple[int, Indices | slice, Indices | slice, Floats]]:
         """By kind of sensor, the places that those of a group show, their places among its channels, and the factor (k,)."""
-        sensors = self.segments.sensors
+        sensors = self.misfit.segments.sensors
         kinds, numbers = sensors.kind[group.channels], sensors.mass[group.channels]
         rates = {X: np.ones_like(step), V: 1.0 / step, A: step**-2.0, F: step**-2.0, S: np.ones_like(step)}
         among = {F: group.links, S: group.memory}
@@ -359,23 +340,9 @@ class LocalRows:
             if len(own := np.flatnonzero(kinds == kind))
         ]
 
-    def _units(self, group: Neighbourhood, step: Floats, width: int) -> tuple[Single, Single]:
-        """Sensitivities of a group at the nodes: of each of its states to itself, in its unit."""
-        n, scale = len(self.segments.system.incidence), self.scales.state
-        state = np.zeros((2, len(group.masses), width, len(step)), np.float32)
-        inner = np.zeros((len(group.memory), width, len(step)), np.float32)
-        for column, number in enumerate(group.states.tolist()):
-            kind, place = divmod(number, n)
-            if kind < 2:
-                unit = scale[number] if kind == 0 else scale[number] * step
-                state[kind, np.searchsorted(group.masses, place), column] = unit
-            else:
-                inner[np.searchsorted(group.memory, number - 2 * n), column] = scale[number]
-        return state, inner
-
     def _add_errors(self, data: NDArray[Any], group: Neighbourhood, part: slice, whiten: Single) -> None:
         """The columns of errors and offsets of sensors, which act on one channel each or, offsets, on several."""
-        first = len(group.states)
+        first, segments = len(group.states), self.misfit.segments
         for place, number in enumerate(group.border.tolist()):
             if self.errors is not None and self.moving <= number < self.fixed:
                 channel = int(self.errors.channel[number - self.moving])
@@ -384,7 +351,267 @@ class LocalRows:
                 data[:, own, :, first + place] = (whiten[:, channel] * values).T
             elif number >= self.fixed:
                 offset = number - self.fixed
-                unit = self.scales.theta[self.segments.system.parameters.size + offset]
-                for channel in np.flatnonzero(self.segments.sensors.offset == offset).tolist():
+                unit = self.misfit.scales.theta[segments.system.parameters.size + offset]
+                for channel in np.flatnonzero(segments.sensors.offset == offset).tolist():
                     own = int(np.searchsorted(group.channels, channel))
                     data[:, own, :, first + place] = whiten[:, channel].T * unit
+
+
+_AT_ONCE = 400_000  # numbers in the sensitivities of a group in a chunk
+_HELD = 8_000_000  # numbers in the rows of all groups in a chunk
+
+
+def local_linearization(rows: LocalRows, executor: Executor | None = None, blocks: int = 1) -> Linearization:
+    """Gauss-Newton model at a point, chunk by chunk of segments, in single precision.
+
+    Parameters
+    ----------
+    rows : LocalRows
+        The Jacobian.
+    executor : Executor, optional
+        Threads.
+    blocks : int, optional
+        Consecutive blocks of segments by which the corner is summed.
+
+    Returns
+    -------
+    Linearization
+        The model.
+    """
+    segments, groups = rows.misfit.segments, rows.groups
+    pairs, p = _pairs(groups), sum(len(group.border) for group in groups)
+    model = empty_model(rows.misfit, p, blocks, np.float32)
+    estimated = np.ones(p, dtype=bool)
+    if rows.errors is not None:  # what is tested beside these is asked for in no blocks
+        estimated[segments.system.parameters.size : rows.fixed] = False
+
+    def work(part: slice, pieces: list[slice]) -> list[Sums]:
+        by_group, residuals = rows.part(part)
+        ends, sums = [], list[Sums]()
+        for group, own in zip(groups, by_group, strict=True):
+            a = len(group.states)
+            moved = own.ends * model.joined[part][:, group.rows, None].astype(np.float32)
+            model.state_ends[part, group.rows[:, None], group.states] = moved[..., :a]
+            model.right_ends[part, group.rows[:, None], group.moving_border] = moved[..., a:]
+            ends.append(moved.astype(float))
+            by_data = _gradient(own.data, residuals[:, group.channels].astype(np.float32))
+            by_ends = _gradient(ends[-1], model.right_ends[part, :, p][:, group.rows])
+            model.right[part, group.states, p] = by_data[:, :a]
+            for corners, columns, own_sums in (
+                (model.of_data, group.border, by_data),
+                (model.of_defects, group.moving_border, by_ends),
+            ):
+                slopes = [own_sums[piece, a:].sum(axis=0, dtype=float) for piece in pieces]
+                sums.append((corners.gradients, (slice(None), columns), np.stack(slopes)))
+        for pair in pairs:
+            shown = _common_rows([by_group[number].data for number in pair.groups], pair.channels)
+            moving = _common_rows([ends[number] for number in pair.groups], pair.rows)
+            first, second = (groups[number] for number in pair.groups)
+            _put(model, part, (first, second), shown)
+            states = len(first.states), len(second.states)
+            for corners, both in ((model.of_data, shown), (model.of_defects, moving)):
+                (a, b), (own_rows, other_rows) = states, both
+                corner = np.stack([summed(own_rows[at, :, a:], other_rows[at, :, b:]) for at in pieces])
+                own_columns, others = first.border[: corner.shape[1]], second.border[: corner.shape[2]]
+                by_blocks = _by_blocks(corner, estimated[own_columns], estimated[others])
+                for at, own_places, other_places, added in by_blocks:
+                    places = (at, own_columns[own_places, None], others[other_places])
+                    sums.append((corners.matrices, places, added))
+                    if first is not second:
+                        places = (at, others[other_places, None], own_columns[own_places])
+                        sums.append((corners.matrices, places, added.transpose(0, 2, 1)))
+        return sums
+
+    parts = _chunks(groups, segments.count, len(segments.samples))
+    return filled(model, parts, work, executor, rows.misfit)
+
+
+def _by_blocks(
+    corner: Floats, first: Bools, second: Bools
+) -> Iterator[tuple[slice, Indices, Indices, Floats]]:
+    """The blocks to which a corner (b, q, q') adds, the places of its rows and columns, and what: to the first block of a part
+    all that is not estimated, `first` (q,) and `second` (q',), on both sides.
+    """
+    elsewhere = np.where(np.outer(first, second), 0.0, corner[1:].sum(axis=0))
+    yield slice(0, 1), np.arange(len(first)), np.arange(len(second)), corner[:1] + elsewhere
+    rows, columns = np.flatnonzero(first), np.flatnonzero(second)
+    yield slice(1, None), rows, columns, corner[1:, rows[:, None], columns]
+
+
+def _put(
+    model: Linearization,
+    part: slice,
+    groups: tuple[Neighbourhood, Neighbourhood],
+    rows: tuple[NDArray[Any], NDArray[Any]],
+) -> None:
+    """Put the products of common `rows` (k, r, P) and (k, r, P') of two groups into a model."""
+    (first, second), (own, others) = groups, rows
+    a, b = len(first.states), len(second.states)
+    states = own[:, :, :a].transpose(0, 2, 1) @ others
+    model.state[part, first.states[:, None], second.states] = states[..., :b]
+    model.right[part, first.states[:, None], second.border] = states[..., b:]
+    if first is not second:
+        model.state[part, second.states[:, None], first.states] = states[..., :b].transpose(0, 2, 1)
+        border = others[:, :, :b].transpose(0, 2, 1) @ own[:, :, a:]
+        model.right[part, second.states[:, None], first.border] = border
+
+
+@dataclass(frozen=True, eq=False)
+class _MeetingGroups:
+    """Two groups of columns, by number, whose columns meet in some rows: the places of these rows in each of them."""
+
+    groups: tuple[int, int]
+    channels: tuple[Indices, Indices]
+    rows: tuple[Indices, Indices]
+
+
+def _pairs(groups: Sequence[Neighbourhood]) -> list[_MeetingGroups]:
+    """The pairs of groups whose columns meet."""
+    pairs = []
+    for first, first_group in enumerate(groups):
+        for second in range(first, len(groups)):
+            second_group = groups[second]
+            _, *channels = np.intersect1d(first_group.channels, second_group.channels, return_indices=True)
+            _, *rows = np.intersect1d(first_group.rows, second_group.rows, return_indices=True)
+            if len(channels[0]) or len(rows[0]):
+                pairs.append(_MeetingGroups((first, second), (channels[0], channels[1]), (rows[0], rows[1])))
+    return pairs
+
+
+def _chunks(groups: Sequence[Neighbourhood], K: int, samples: int) -> list[slice]:
+    """The segments in an even number of parts of about equal length, for two threads.
+
+    The sensitivities of the largest group stay in a core's cache, and the rows of all groups, of so many `samples` of a
+    segment, do not take more memory where there are more masses.
+    """
+    largest = max(2 * len(group.masses) * group.size for group in groups)
+    numbers = sum((samples * len(group.channels) + len(group.rows)) * group.size for group in groups)
+    pairs = max(1, -(-K * largest // (2 * _AT_ONCE)), -(-K * numbers // (2 * _HELD)))
+    size = max(16, -(-K // (2 * pairs * 16)) * 16)
+    return [slice(first, min(first + size, K)) for first in range(0, K, size)]
+
+
+def _gradient(rows: NDArray[Any], missed: NDArray[Any]) -> NDArray[Any]:
+    """(k, P) products of rows (k, ..., P) with what they leave (k, ...)."""
+    k, size = len(rows), rows.shape[-1]
+    return np.asarray((missed.reshape(k, 1, -1) @ rows.reshape(k, -1, size))[:, 0])
+
+
+def _common_rows(
+    rows: Sequence[NDArray[Any]], common: tuple[Indices, Indices]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Rows (k, r, P) and (k, r, P') of two groups: those (k, r, ..., P) that they have in `common`."""
+    first, second = (
+        block[:, own] if isinstance(own := as_slice(which), slice) else np.take(block, own, axis=1)
+        for block, which in zip(rows, common, strict=True)
+    )
+    k, r = len(first), int(np.prod(first.shape[1:-1]))
+    return first.reshape(k, r, first.shape[-1]), second.reshape(k, r, second.shape[-1])
+
+
+_WORTHWHILE = 0.9  # of the sensitivities of the whole: what groups may have of them
+
+
+def linear_model(
+    misfit: Misfit,
+    candidates: CandidateForces | None = None,
+    errors: SensorErrors | None = None,
+    blocks: int = 1,
+) -> Linearization:
+    """Gauss-Newton model at a point, in as many threads as there are processors; by groups of columns where there are any.
+
+    Parameters
+    ----------
+    misfit, candidates, errors, blocks
+        As of `linearise`.
+
+    Returns
+    -------
+    Linearization
+        The model.
+    """
+    groups = groups_at(misfit, candidates, errors)
+    with ThreadPoolExecutor(processors()) as threads:
+        if groups:
+            return local_linearization(LocalRows(misfit, groups, candidates, errors), threads, blocks)
+        return linearise(misfit, threads, candidates, errors, blocks)
+
+
+def groups_at(
+    misfit: Misfit, candidates: CandidateForces | None = None, errors: SensorErrors | None = None
+) -> list[Neighbourhood]:
+    """The groups of columns by which to linearise at a point: none where influences reach most of the structure.
+
+    Parameters
+    ----------
+    misfit, candidates, errors
+        As of `linearise`.
+
+    Returns
+    -------
+    list of Neighbourhood
+        The groups; where coefficients change little, what they reach does not.
+    """
+    segments = misfit.segments
+    if not _separable(segments):
+        return []
+    reached = reach(misfit)
+    origins = column_origins(segments, candidates, errors)
+    moving = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
+    groups = neighbourhoods(segments, reached, clusters(segments.system), origins, moving)
+    m, n = segments.system.dimension, len(segments.system.incidence)
+    handled = sum(len(group.masses) * group.size for group in groups)
+    return groups if handled < _WORTHWHILE * n * (m + len(origins)) else []
+
+
+def _separable(segments: Segments) -> bool:
+    """Whether there are many masses, and nothing that acts on all of them at once."""
+    sensors = segments.sensors
+    hosts = len(segments.system.points) > 0 or sensors.shapes is not None
+    return (
+        len(segments.system.incidence) >= MANY
+        and segments.random is None
+        and not hosts
+        and not sensors.gains
+        and not sensors.delays
+        and not sensors.waveforms
+    )
+
+
+def column_origins(
+    segments: Segments, candidates: CandidateForces | None, errors: SensorErrors | None
+) -> list[Indices]:
+    """Of each column of the border the masses on which the unknown acts, or whose sensors it changes.
+
+    Parameters
+    ----------
+    segments, candidates, errors
+        As of `linear_model`.
+
+    Returns
+    -------
+    list of array of int
+        The masses.
+    """
+    system, sensors = segments.system, segments.sensors
+    touched = [np.flatnonzero(column) for column in system.incidence.T]
+    masses: list[set[int]] = [set() for _ in range(system.parameters.size)]
+    for link, column, _ in system.interactions:
+        masses[column] |= set(touched[link].tolist())
+    for mass, column in np.argwhere(system.parameters.mass_map).tolist():
+        masses[column].add(mass)
+
+    def of_channel(channel: int) -> set[int]:
+        place = int(sensors.mass[channel])
+        if sensors.kind[channel] not in (F, S):
+            return {place}
+        return set(touched[int(system.state_links[place]) if sensors.kind[channel] == S else place].tolist())
+
+    if candidates is not None:
+        ends = zip(candidates.first.tolist(), candidates.second.tolist(), strict=True)
+        masses += [{end for end in pair if end >= 0} for pair in ends]
+    if errors is not None:
+        masses += [of_channel(channel) for channel in errors.channel.tolist()]
+    for offset in range(sensors.offsets):
+        masses.append(set().union(*map(of_channel, np.flatnonzero(sensors.offset == offset).tolist())))
+    return [np.array(sorted(own_masses), dtype=int) for own_masses in masses]

@@ -1,8 +1,13 @@
 """Gauss-Newton normal equations of multiple shooting, chunk by chunk of segments, with dense blocks.
 
-`whitened_jacobian` has the rows of some segments: sensitivities to the states of their nodes, to parameters and candidate
-forces, and to errors of sensors and inputs, which touch the rows of one channel each. `linearise` sums their products, of the
-states by segments and of the border by blocks of segments.
+`linearise` sums the products of their rows, of the states by segments and of the border by blocks of segments. The equations
+are block tridiagonal with a border, and have Cholesky factors:
+
+    | H  E | |s|   |g|      H: an (m, m) block per node and one per neighbouring pair of nodes
+    | E' C | |t| = |c|      E: (K m, p) border, C: (p, p) corner
+
+Flops and memory are linear in K. Nodes of few states with a narrow border are factored by LAPACK's banded routine, others
+node by node, by products of blocks and in place.
 
 A coefficient that sets where a mass rests moves it in every segment, by many times what the continuity of the segments
 allows. The equations then hold numbers whose difference alone is information, and where it is less than their rounding a
@@ -12,31 +17,264 @@ segments, they are small from the start, and nothing else changes (`with_common_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import blas, cho_solve, cholesky, lapack
 
-from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
-from linkwise.likelihood.shooting.flow import Inputs, input_along
-from linkwise.likelihood.shooting.loss import Loss, Prior, RandomStates
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, estimated_errors
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import (
-    A,
     Iterate,
+    Prior,
+    RandomStates,
     Scales,
     Segments,
-    Sensors,
-    V,
-    add_starts,
     as_slice,
+    slider_starts,
 )
-from linkwise.likelihood.shooting.tangents import CandidateForces, Single, shown_tangents, tangents
+from linkwise.likelihood.shooting.tangents import (
+    CandidateForces,
+    errors_by_channel,
+    extra_columns,
+    whitened_jacobian,
+)
+
+_WIDE = 600  # numbers in the right-hand sides of a node, from which products of blocks are faster than a band
+
+
+Damping: TypeAlias = tuple[Floats, Floats]
+"""The Levenberg-Marquardt term of the diagonal: nodes (K, m), border (p,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class BorderedSystem:
+    """The equations; `right` holds for each node the columns of the border and, last, the gradient.
+
+    Where there is a `shift`, they are of nodes relative to one by the border; steps and gradients are of the nodes themselves.
+    """
+
+    diagonal: Floats  # (K, m, m) symmetric
+    coupling: Floats  # (K - 1, m, m), rows: the later node
+    right: Floats  # (K, m, p + 1)
+    corner: Floats  # (p, p)
+    corner_gradient: Floats  # (p,)
+    shift: Floats | None = None  # (m, p), the same of all nodes
+
+    @property
+    def gradient(self) -> tuple[Floats, Floats]:
+        """Of the nodes (K, m) and the border (p,), in arrays of its own."""
+        nodes = self.right[..., -1].copy()
+        if self.shift is None:
+            return nodes, self.corner_gradient
+        return nodes, self.corner_gradient - self.shift.T @ nodes.sum(axis=0)
+
+    def factor(self, damping: Damping | None = None) -> BorderedFactor | None:
+        """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite.
+
+        `diagonal`, `coupling` and `right` may become parts of the factor.
+        """
+        K, m, c = self.right.shape
+        p = c - 1
+        kind = BandedRoot if m * c < _WIDE else BlockRoot
+        root = kind.of(self.diagonal, self.coupling, None if damping is None else damping[0])
+        if root is None:
+            return None
+        forward = root.forward(self.right)
+        rows = forward.reshape(K * m, p + 1)
+        moment = rows.T @ rows
+        corner = self.corner if damping is None else self.corner + np.diag(damping[1])
+        schur = corner - moment[:p, :p]
+        if not np.isfinite(schur).all():  # of tangents that overflowed
+            return None
+        slope = self.corner_gradient - moment[p, :p]
+        pull = forward[..., -1].copy()
+        return BorderedFactor(root, forward, pull, schur, slope, damping is not None, self.shift)
+
+
+@dataclass(frozen=True, eq=False)
+class BandedRoot:
+    """The Cholesky factor of the nodes as a band `chol` (2 m, K m) of LAPACK's, of `nodes` nodes."""
+
+    chol: Floats
+    nodes: int
+
+    @classmethod
+    def of(cls, diagonal: Floats, coupling: Floats, added: Floats | None) -> BandedRoot | None:
+        """From blocks (K, m, m) and (K - 1, m, m), something `added` (K, m) to the diagonal; None if not positive definite."""
+        K, m, _ = diagonal.shape
+        band = np.empty((K, m, 2 * m))
+        for column in range(m):
+            band[:, column, : m - column] = diagonal[:, column:, column]
+            band[:-1, column, m - column : 2 * m - column] = coupling[:, :, column]
+            band[-1, column, m - column :] = 0.0
+            band[:, column, 2 * m - column :] = 0.0
+        if added is not None:
+            band[:, :, 0] += added
+        chol, info = lapack.dpbtrf(band.reshape(K * m, 2 * m).T, lower=1, overwrite_ab=1)
+        return None if info else cls(chol, K)
+
+    def forward(self, right: Floats) -> Floats:
+        """(K, m, c) what solves L x = `right`."""
+        solved, _ = lapack.dtbtrs(self.chol, right.reshape(-1, right.shape[2]), uplo="L")
+        return np.ascontiguousarray(solved).reshape(right.shape)
+
+    def backward(self, right: Floats) -> Floats:
+        """(K, m, c) what solves L' x = `right`."""
+        solved, _ = lapack.dtbtrs(self.chol, right.reshape(-1, right.shape[2]), uplo="L", trans="T")
+        return np.ascontiguousarray(solved).reshape(right.shape)
+
+    @property
+    def log_determinant(self) -> float:
+        """Of L L'."""
+        return 2.0 * float(np.log(self.chol[0]).sum())
+
+    @property
+    def blocks(self) -> tuple[Floats, Floats]:
+        """The triangles (K, m, m) of the nodes, and the blocks (K - 1, m, m) of each with the one before."""
+        K, m = self.nodes, len(self.chol) // 2
+        root, below = np.zeros((K, m, m)), np.empty((K - 1, m, m))
+        for column in range(m):
+            band = self.chol[:, column::m].T
+            root[:, column:, column] = band[:, : m - column]
+            below[:, :, column] = band[:-1, m - column : 2 * m - column]
+        return root, below
+
+
+@dataclass(frozen=True, eq=False)
+class BlockRoot:
+    """The same by blocks: triangles (K, m, m) of the nodes, and blocks (K - 1, m, m) of each with the one before."""
+
+    blocks: tuple[Floats, Floats]
+
+    @classmethod
+    def of(cls, diagonal: Floats, coupling: Floats, added: Floats | None) -> BlockRoot | None:
+        """As of `BandedRoot`, in place."""
+        root, below = diagonal, coupling
+        if added is not None:
+            np.einsum("kii->ki", root)[:] += added
+        for node, own in enumerate(root):
+            if node:
+                blas.dsyrk(-1.0, below[node - 1].T, 1.0, own.T, trans=1, overwrite_c=1)
+            _, info = lapack.dpotrf(own.T, lower=0, overwrite_a=1)
+            if info:
+                return None
+            if node < len(below):
+                blas.dtrsm(1.0, own.T, below[node].T, trans_a=1, overwrite_b=1)
+        return cls((root, below))
+
+    def forward(self, right: Floats) -> Floats:
+        """As of `BandedRoot`, in place of `right`."""
+        root, below = self.blocks
+        for node, own in enumerate(right):
+            if node:
+                blas.dgemm(-1.0, right[node - 1].T, below[node - 1].T, 1.0, own.T, overwrite_c=1)
+            blas.dtrsm(1.0, root[node].T, own.T, side=1, overwrite_b=1)
+        return right
+
+    def backward(self, right: Floats) -> Floats:
+        """As of `BandedRoot`, in place of `right`."""
+        root, below = self.blocks
+        for node in range(len(right) - 1, -1, -1):
+            if node < len(below):
+                right[node] -= below[node].T @ right[node + 1]
+            blas.dtrsm(1.0, root[node].T, right[node].T, side=1, trans_a=1, overwrite_b=1)
+        return right
+
+    @property
+    def log_determinant(self) -> float:
+        """Of L L'."""
+        return 2.0 * float(np.log(np.einsum("kii->ki", self.blocks[0])).sum())
+
+
+def border_step(schur: Floats, reduced: Floats, free: Bools, fixed_values: Floats | None) -> Floats | None:
+    """The border (p,) that the equations of the border ask for, entries outside `free` (p,) kept at `fixed_values` (p,), by
+    default at zero; None where they are not positive definite.
+    """
+    border = np.zeros(len(reduced)) if fixed_values is None else np.where(free, 0.0, fixed_values)
+    if free.any():
+        try:
+            root = cholesky(schur[np.ix_(free, free)], lower=True)
+        except np.linalg.LinAlgError:
+            return None
+        right = reduced[free] - schur[np.ix_(free, ~free)] @ border[~free]
+        border[free] = cho_solve((root, True), right)
+    return border
+
+
+def excess(schur: Floats, reduced: Floats, border: Floats, free: Bools) -> float:
+    """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `drop` takes for zero."""
+    return float(border[~free] @ (schur[~free] @ border - reduced[~free]))
+
+
+@dataclass(frozen=True, eq=False)
+class BorderedFactor:
+    """Factor of the nodes, `root`, with the border, `forward` (K, m, p + 1), and the gradient, `pull` (K, m), behind it;
+    equations of the border, `schur` (p, p) and `reduced` (p,); whether it was `damped`, and the `shift` (m, p) of the nodes by
+    the border, if there is one.
+    """
+
+    root: BandedRoot | BlockRoot
+    forward: Floats
+    pull: Floats
+    schur: Floats
+    reduced: Floats
+    damped: bool = False
+    shift: Floats | None = None
+
+    def within(self, border: Indices) -> BorderedFactor:
+        """That of equations with these unknowns of the border alone, in arrays of its own."""
+        columns = np.append(border, -1)
+        chosen = np.ix_(border, border)
+        return replace(
+            self,
+            forward=self.forward[..., columns],
+            schur=self.schur[chosen],
+            reduced=self.reduced[border],
+            shift=None if self.shift is None else self.shift[:, border],
+        )
+
+    def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
+        """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `fixed_values` (p,), by default at zero.
+
+        None where the equations are not positive definite.
+        """
+        border = border_step(self.schur, self.reduced, free, fixed_values)
+        if border is None:
+            return None
+        right = self.pull - self.forward[..., :-1] @ border
+        nodes = self.root.backward(right[..., None])[..., 0]
+        return nodes if self.shift is None else nodes + self.shift @ border, border
+
+    def moved(self, nodes: Floats, border: Floats) -> BorderedFactor:
+        """The factor of equations whose gradient is larger by `nodes` (K, m) and `border` (p,)."""
+        if self.shift is not None:
+            border = border + self.shift.T @ nodes.sum(axis=0)
+        change = self.root.forward(nodes[..., None].copy())[..., 0]
+        moment = np.tensordot(change, self.forward[..., :-1], 2)
+        return replace(self, pull=self.pull + change, reduced=self.reduced + border - moment)
+
+    def inverse_blocks(self) -> tuple[Floats, Floats]:
+        """Blocks of H^-1, (K, m, m) of the nodes and (K - 1, m, m) of each with the one before, from the last to the first
+        (Takahashi, Fagan and Chen 1973).
+        """
+        root, below = self.root.blocks
+        inverse = np.linalg.inv(root)
+        carried = below @ inverse[:-1]
+        blocks = inverse.transpose(0, 2, 1) @ inverse
+        for k in range(len(below) - 1, -1, -1):
+            blocks[k] += carried[k].T @ blocks[k + 1] @ carried[k]
+        return np.asarray(blocks), np.asarray(-blocks[1:] @ carried)
+
+    def log_determinant(self, free: Bools) -> float:
+        """Of the whole matrix, border restricted to `free`."""
+        _, border = np.linalg.slogdet(self.schur[np.ix_(free, free)])
+        return self.root.log_determinant + float(border)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +283,6 @@ class Corners:
 
     matrices: Floats
     gradients: Floats
-
-    @classmethod
-    def empty(cls, p: int, blocks: int) -> Corners:
-        """Zeros."""
-        return cls(np.zeros((blocks, p, p)), np.zeros((blocks, p)))
 
     def within(self, border: Indices) -> Corners:
         """Those of these unknowns of the border alone, in arrays of their own."""
@@ -68,64 +301,6 @@ class Corners:
 
 Sums = tuple[Floats, tuple[Any, ...], Floats]
 """An array by blocks of segments, the places in some of its blocks, and what is added there."""
-
-
-def columns_of_forces(segments: Segments) -> Indices:
-    """The columns of gains, then of delays, of uncertain forces among those of the errors of sensors."""
-    uncertain, sensors = segments.inputs.uncertain, segments.sensors
-    if uncertain is None:
-        return np.empty(0, dtype=int)
-    gains, delays = (numbers[numbers >= 0] for numbers in (uncertain.gains, uncertain.delays))
-    return np.concatenate([sensors.offsets + gains, sensors.offsets + sensors.gains + delays])
-
-
-def changes_of_forces(
-    segments: Segments, point: Iterate, scales: Scales, part: slice
-) -> CandidateForces | None:
-    """The forces on masses, in some segments, per unit of each error of `columns_of_forces`; None without any."""
-    if segments.inputs.uncertain is None:
-        return None
-    uncertain = segments.inputs.uncertain.part(part)
-    force, rate = uncertain.acting(point.gains, point.delays)
-    scaled, late = np.flatnonzero(uncertain.gains >= 0), np.flatnonzero(uncertain.delays >= 0)
-    gains, delays = uncertain.gains[scaled], uncertain.delays[late]
-    units = scales.theta[len(point.theta) + len(point.offsets) :]
-    per_gain = -force[:, :, scaled] * (units[gains] / point.gains[gains])[:, None]
-    per_delay = rate[:, :, late] * units[len(point.gains) + delays][:, None]
-    changes = np.concatenate([per_gain, per_delay], axis=2)
-    ends = uncertain.ends[np.concatenate([scaled, late])]
-    along = input_along(changes, segments.flow_steps_per_tangent)
-    return CandidateForces(np.full(len(ends), -1), ends, along)
-
-
-def add_errors_of_sensors(
-    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, root: Floats, part: slice
-) -> None:
-    """The columns of errors of sensors; the rows of sensors with an unknown gain are scaled by it.
-
-    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing. What masses that uncertain forces move
-    show is in place.
-    """
-    sensors, point = segments.sensors, misfit.point
-    first, units = jacobian.shape[-1] - 1 - sensors.unknowns, scales.theta[len(point.theta) :]
-    factors, forces = sensors.factors(point.gains), first + columns_of_forces(segments)
-    for channel in sensors.scaled:
-        jacobian[:, :, channel, :first] *= np.float32(factors[channel])
-        jacobian[:, :, channel, forces] *= np.float32(factors[channel])
-    deviations = segments.deviations(scales, part)
-    for channel, number, values in estimated_errors(segments, misfit, part):
-        column = root[:, channel] * (values * units[number] / deviations[channel])
-        jacobian[:, :, channel, first + number] += column.T
-
-
-def add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whiten: Single) -> None:
-    """What sensors show of random forces directly, in segments of one sample."""
-    assert random.shown is not None
-    for channel, number in np.argwhere(random.shown):
-        row = random.rows[number]
-        jacobian[:, 0, channel, row] += whiten[0, channel] * np.float32(
-            random.shown[channel, number] * scales.state[row]
-        )
 
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
@@ -231,7 +406,7 @@ class Linearization:
         for strength in (0.0, *NEGLIGIBLE):
             equations = self.equations(q)
             nodes = strength * np.einsum("kii->ki", equations.diagonal)
-            factor = equations.factor(Damping(nodes, nothing) if strength else None)
+            factor = equations.factor((nodes, nothing) if strength else None)
             if factor is not None:
                 return factor
         return None
@@ -243,24 +418,19 @@ class Linearization:
         nodes = np.einsum("kii->ki", self.state).astype(float)
         nodes[:-1] += np.einsum("kij,kij->kj", self.state_ends, self.state_ends)
         nodes[1:] += self.joined**2
-        return Damping(strength * nodes, strength * np.diag(self.of_data.matrix + self.of_defects.matrix))
+        return strength * nodes, strength * np.diag(self.of_data.matrix + self.of_defects.matrix)
 
 
-def empty_model(
-    segments: Segments,
-    misfit: Misfit,
-    p: int,
-    blocks: int,
-    precision: type[np.floating[Any]],
-) -> Linearization:
+def empty_model(misfit: Misfit, p: int, blocks: int, precision: type[np.floating[Any]]) -> Linearization:
     """A model of zeros for a border of p unknowns, but for the defects, with K ends, of which the last will be left out."""
+    segments = misfit.segments
     m, K = segments.system.dimension, segments.count
     joined = np.zeros((K, m))
     joined[:-1] = segments.link_weights.T
     right_ends = np.zeros((K, m, p + 1), precision)
     right_ends[:-1, :, p] = misfit.defects.reshape(m, -1).T
     state, state_ends = np.zeros((2, K, m, m), precision)
-    of_data, of_defects = Corners.empty(p, blocks), Corners.empty(p, blocks)
+    of_data, of_defects = (Corners(np.zeros((blocks, p, p)), np.zeros((blocks, p))) for _ in range(2))
     right = np.zeros((K, m, p + 1), precision)
     return Linearization(state, right, of_data, of_defects, state_ends, right_ends, joined)
 
@@ -270,13 +440,13 @@ def filled(
     parts: Sequence[slice],
     work: Callable[[slice, list[slice]], list[Sums]],
     executor: Executor | None,
-    known: tuple[Segments, Misfit, Scales],
+    misfit: Misfit,
 ) -> Linearization:
     """An empty model with the products of all parts of the segments, and what is known beforehand.
 
     `work` puts those of a part into the model, and gives what they add to its border in the pieces of blocks that it has.
     """
-    segments, misfit, scales = known
+    segments, scales = misfit.segments, misfit.scales
     ends_of_blocks = block_ends(segments.count, len(model.of_data.gradients))
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
@@ -289,9 +459,10 @@ def filled(
         for array, places, added in sums:
             array[met[0] : met[-1] + 1][places] += added
     model.state[segments.unconstrained] = np.eye(segments.system.dimension)  # these nodes do not move
-    add_starts(model.state, model.right, segments, misfit.point.nodes, scales)
-    if segments.prior is not None:
-        add_prior(model.of_data.matrices[0], model.of_data.gradients[0], segments.prior, misfit.point, scales)
+    rows, firsts, sizes, unit = slider_starts(segments, misfit.point.nodes, scales)
+    model.state[firsts[:, None], rows, rows] += unit**-2.0
+    model.right[firsts[:, None], rows, -1] -= sizes.T / unit
+    add_prior(model.of_data.matrices[0], model.of_data.gradients[0], misfit)
     if segments.random is not None:
         _add_random_forces(model, segments.random, misfit.point, scales)
     return replace(
@@ -300,10 +471,7 @@ def filled(
 
 
 def linearise(
-    segments: Segments,
     misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
     executor: Executor | None = None,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
@@ -315,16 +483,17 @@ def linearise(
     `blocks` of segments, but for the errors: these are multiplied in their channel alone, and asked for in no blocks. Rows
     of few segments are multiplied in single precision, and the products summed in double precision, in which the ends are.
     """
-    m, p = segments.system.dimension, segments.parameters + _extra_columns(candidates, errors)
-    model = empty_model(segments, misfit, p, blocks, np.float64)
+    segments = misfit.segments
+    m, p = segments.system.dimension, segments.parameters + extra_columns(candidates, errors)
+    model = empty_model(misfit, p, blocks, np.float64)
     last = p - segments.sensors.unknowns
-    first = last - _extra_columns(None, errors)
+    first = last - extra_columns(None, errors)
     others = np.r_[:first, last:p]  # than the errors
     own = as_slice(others)
     corner = (..., own, own) if isinstance(own, slice) else (..., others[:, None], others)
 
     def work(part: slice, pieces: list[slice]) -> list[Sums]:
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates)
+        rows, ends = whitened_jacobian(misfit, part, candidates)
         by_border = rows[..., m:]
         product = rows[..., :m].transpose(0, 2, 1) @ rows
         right, right_ends = model.right[part], model.right_ends[part]
@@ -347,7 +516,7 @@ def linearise(
             shown = rows.reshape(len(rows), *segments.samples.shape[:2], -1)
             count, width = last - first, rows.shape[2] - m
             beside, squares = np.zeros((count, width)), np.zeros((count, count))
-            for channel, numbers, columns in _errors(segments, misfit, scales, loss, part, errors):
+            for channel, numbers, columns in errors_by_channel(misfit, part, errors):
                 right[..., first + numbers] = shown[:, :, channel, :m].transpose(0, 2, 1) @ columns
                 beside[numbers] = summed(columns, shown[:, :, channel, m:])
                 squares[numbers[:, None], numbers] = summed(columns, columns)
@@ -358,8 +527,8 @@ def linearise(
             sums.append((model.of_data.gradients, (block, at), beside[:, -1]))
         return sums
 
-    parts = chunks(segments, segments.parameters + _extra_columns(candidates, None))
-    return filled(model, parts, work, executor, (segments, misfit, scales))
+    parts = chunks(segments, segments.parameters + extra_columns(candidates, None))
+    return filled(model, parts, work, executor, misfit)
 
 
 def summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:
@@ -378,30 +547,12 @@ def summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:
     return total
 
 
-def _errors(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    part: slice,
-    errors: SensorErrors | None,
-) -> Iterator[tuple[int, Indices, Single]]:
-    """Of each channel with errors the numbers of these, and what they add to its samples, whitened (k, M, c)."""
-    if errors is None:
-        return
-    _, whiten = _weights(segments, misfit, scales, loss, part)
-    factors = segments.sensors.factors(misfit.point.gains)
-    for channel in np.unique(errors.channel).tolist():
-        numbers = np.flatnonzero(errors.channel == channel)
-        factor = factors[channel] if channel in segments.sensors.scaled else 1.0
-        columns = whiten[:, channel, None] * (factor * errors.values[:, numbers, part])
-        yield channel, numbers, np.ascontiguousarray(columns.transpose(2, 0, 1), np.float32)
-
-
-def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, scales: Scales) -> None:
-    """Add the priors of unknowns to the border of a quadratic form, whose gradient is `gradient` (p,)."""
-    columns = add_prior_curvature(corner, prior, scales, len(point.theta))
-    gradient[columns] += prior.gradient(point.border, scales.theta)
+def add_prior(corner: Floats, gradient: Floats, misfit: Misfit) -> None:
+    """Add the priors of unknowns, if any, to the border of a quadratic form, whose gradient is `gradient` (p,)."""
+    prior, scales, point = misfit.segments.prior, misfit.scales, misfit.point
+    if prior is not None:
+        columns = add_prior_curvature(corner, prior, scales, len(point.theta))
+        gradient[columns] += prior.gradient(point.border, scales.theta)
 
 
 def add_prior_curvature(matrix: Floats, prior: Prior, scales: Scales, parameters: int) -> Indices:
@@ -423,134 +574,6 @@ def _add_random_forces(model: Linearization, random: RandomStates, point: Iterat
         columns = np.arange(len(random.slope))
         columns[len(point.theta) :] += model.right.shape[2] - 1 - len(random.slope)
         model.of_data.gradients[0, columns] -= 0.5 * random.slope * scales.theta
-
-
-def whitened_jacobian(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    part: slice,
-    candidates: CandidateForces | None = None,
-    errors: SensorErrors | None = None,
-) -> tuple[Floats, Floats]:
-    """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n + S, P)."""
-    M, C, K = segments.samples[..., part].shape
-    P = segments.system.dimension + segments.parameters + _extra_columns(candidates, errors)
-    width = P - segments.sensors.unknowns
-    moving = width - (0 if errors is None else len(errors.channel))
-    root, whiten = _weights(segments, misfit, scales, loss, part)
-    jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
-    jacobian[..., P] = (root * misfit.pulling[..., part]).transpose(2, 0, 1)
-    columns = (moving, (width + columns_of_forces(segments)).tolist())
-    ends = _put_marched(jacobian, segments, misfit, scales, part, whiten, candidates, columns)
-    if segments.random is not None and segments.random.shown is not None:
-        add_shown_forces(jacobian, segments.random, scales, whiten)
-    add_errors_of_sensors(jacobian, segments, misfit, scales, root, part)
-    for channel, numbers, own in _errors(segments, misfit, scales, loss, part, errors):
-        jacobian[:, :, channel, moving + numbers] = own
-    ends /= scales.state[:, None]
-    return jacobian.reshape(K, M * C, P + 1), ends
-
-
-def _put_marched(
-    jacobian: NDArray[Any],
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    part: slice,
-    whiten: Single,
-    candidates: CandidateForces | None,
-    columns: tuple[int, list[int]],
-) -> Floats:
-    """Put what sensors show of the sensitivities, step by step; gives those at the ends (k, 2 n + S, P)."""
-    step = segments.step[part] * segments.flow_steps_per_tangent
-    mechanics = segments.system.at(misfit.point.theta)
-    sensors = segments.sensors.at(mechanics)
-    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
-    rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
-    shown = [
-        (
-            kind,
-            sources,
-            _late(sensors, misfit.point, kind),
-            channels,
-            (whiten[:, channels] * rates[kind]).astype(np.float32),
-        )
-        for kind, channels, sources in sensors.by_kind
-    ]
-    orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
-    forces, inputs = _acting(segments, misfit.point, scales, part, candidates)
-    steps = tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs=inputs)
-    refine, before = segments.tangent_refine, segments.tangents_before
-    for number, tangent in enumerate(steps):
-        sample, between = divmod(number - before, refine)
-        if tangent.acceleration is None or between:
-            continue
-        motions: Sequence[Single] = tangent.shown()
-        if sensors.shapes is not None:
-            motions = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, scales.theta))
-        for kind, sources, late, places, factors in shown:
-            rows = motions[kind][sources]
-            rows = rows.copy() if late else rows
-            for channel, delay, mass in late:
-                rows[channel] -= (delay * rates[V] * motions[kind + 1][mass]).astype(rows.dtype)
-            whitened = (rows * factors[sample, :, None]).transpose(2, 0, 1)
-            _put(jacobian, (slice(None), sample, places), whitened, columns)
-    ends = np.zeros((len(jacobian), segments.system.dimension, jacobian.shape[-1] - 1))
-    moved = (tangent.state[0], tangent.state[1] * rates[V], tangent.memory)
-    for own, change in zip((slice(0, n), slice(n, 2 * n), slice(2 * n, None)), moved, strict=True):
-        _put(ends, (slice(None), own), change.transpose(2, 0, 1), columns)
-    return ends
-
-
-def _late(sensors: Sensors, point: Iterate, kind: int) -> list[tuple[int, np.floating[Any], int]]:
-    """Of the channels of one kind those that are late: the place among them, the delay in s to first order, and the mass."""
-    if kind >= A or not len(sensors.delay):
-        return []
-    channels = np.flatnonzero(sensors.kind == kind)
-    late = ((place, int(channel)) for place, channel in enumerate(channels) if sensors.delay[channel] >= 0)
-    return [
-        (place, point.delays[sensors.delay[channel]], int(sensors.mass[channel])) for place, channel in late
-    ]
-
-
-def _acting(
-    segments: Segments, point: Iterate, scales: Scales, part: slice, candidates: CandidateForces | None
-) -> tuple[CandidateForces | None, Inputs]:
-    """The candidates in some segments, behind them what the unknowns of uncertain forces change, and the inputs there."""
-    forces, inputs = candidates and candidates.part(part), segments.inputs.part(part)
-    changes = changes_of_forces(segments, point, scales, part)
-    if changes is None:
-        return forces, inputs
-    return changes if forces is None else forces.joined(changes), inputs.at(point.gains, point.delays)
-
-
-def _put(
-    target: NDArray[Any],
-    place: tuple[slice | int | Indices, ...],
-    block: NDArray[Any],
-    columns: tuple[int, list[int]],
-) -> None:
-    """Put a block, of as many columns as come first in the target, and then of single ones there, into a place of it."""
-    first, single = columns
-    target[(*place, slice(first))] = block[..., :first]
-    for number, column in enumerate(single, start=first):
-        target[(*place, column)] = block[..., number]
-
-
-def _weights(
-    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice
-) -> tuple[Floats, Single]:
-    """(M, C, k) square roots of the weights of samples, 0 where one is missing, and what whitens what sensors show."""
-    root = misfit.roots(segments, loss, part)
-    return root, (root / segments.deviations(scales, part)).astype(np.float32)
-
-
-def _extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:
-    """Number of columns behind those of the parameters."""
-    of_candidates = 0 if candidates is None else len(candidates.first)
-    return of_candidates + (0 if errors is None else len(errors.channel))
 
 
 _INDEPENDENT = (

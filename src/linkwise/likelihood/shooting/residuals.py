@@ -1,4 +1,4 @@
-"""Residuals of the samples and defects between segments at a point, and what errors of sensors would add to them.
+"""Residuals of the samples and defects between segments at a point, their losses, and what errors of sensors would add.
 
 `LongerSegments` joins segments where the motion is already that of the laws: short ones let a search start far from the
 optimum, and the same samples in segments several times as long have the same one, with fewer nodes to eliminate.
@@ -6,7 +6,8 @@ optimum, and the same samples in segments several times as long have the same on
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.flow import Trajectories, flow
-from linkwise.likelihood.shooting.loss import ClippedMisfit, Gaussian, Loss
+from linkwise.errors import IdentificationError
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
 from linkwise.likelihood.shooting.segments import (
     A,
+    ClippedMisfit,
     F,
     Iterate,
     S,
@@ -27,10 +29,213 @@ from linkwise.likelihood.shooting.segments import (
     Segments,
     V,
     X,
-    cost_of_starts,
+    slider_starts,
 )
 from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.likelihood.terms import Shown, integrated
+from linkwise.records.record import Record
+
+_REACH, _POINTS = 10.0, 4001  # standard deviations and points of the quadrature for an expectation
+
+
+class Loss(ABC):
+    """A loss: twice the negative log likelihood of residuals in standard deviations of the noise.
+
+    See Also
+    --------
+    Gaussian, Huber, Student : The losses to choose from.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> method = lw.MaximumLikelihood(loss=lw.likelihood.Huber())
+    >>> isinstance(method.loss, lw.likelihood.Loss)
+    True
+    """
+
+    @abstractmethod
+    def costs(self, residuals: Floats) -> Floats:
+        """Cost of each residual.
+
+        Parameters
+        ----------
+        residuals : array
+            Residuals in standard deviations.
+
+        Returns
+        -------
+        array of the same shape
+            Twice the negative log likelihood, up to a constant.
+        """
+
+    @abstractmethod
+    def weight(self, residuals: Floats) -> Floats:
+        """Weights for iteratively reweighted least squares.
+
+        Parameters
+        ----------
+        residuals : array
+            Residuals r in standard deviations.
+
+        Returns
+        -------
+        array of the same shape
+            Derivative of the cost over 2 r.
+        """
+
+    def total(self, residuals: Floats) -> float:
+        """Sum of the costs.
+
+        Parameters
+        ----------
+        residuals : array
+            Residuals in standard deviations.
+
+        Returns
+        -------
+        float
+            The sum.
+        """
+        return float(self.costs(residuals).sum())
+
+    @property
+    def expected(self) -> float:
+        """Mean cost of a standard normal residual, which normalises chi-square."""
+        z, step = np.linspace(-_REACH, _REACH, _POINTS, retstep=True)
+        return float(np.sum(self.costs(z) * np.exp(-0.5 * z**2)) * step / np.sqrt(2.0 * np.pi))
+
+
+@dataclass(frozen=True)
+class Gaussian(Loss):
+    """Squared residuals: maximum likelihood for normal noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> lw.likelihood.Gaussian().weight(np.array([0.0, 10.0]))
+    array([1., 1.])
+    """
+
+    def costs(self, residuals: Floats) -> Floats:
+        return np.asarray(residuals**2)
+
+    def weight(self, residuals: Floats) -> Floats:
+        return np.ones_like(residuals)
+
+    def total(self, residuals: Floats) -> float:
+        return float(np.vdot(residuals, residuals))
+
+    @property
+    def expected(self) -> float:
+        """Mean cost of a standard normal residual, 1."""
+        return 1.0
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not 0.0 < value < np.inf:
+        raise IdentificationError(f"{name} must be positive and finite, got {value}")
+
+
+@dataclass(frozen=True)
+class Huber(Loss):
+    """Huber's loss, quadratic for small and linear for large residuals: robust against single outliers.
+
+    Parameters
+    ----------
+    corner : float, optional
+        Residual in standard deviations from which the loss is linear. 1.345 has 95 % efficiency for normal noise.
+
+    Raises
+    ------
+    IdentificationError
+        If the corner is not positive and finite.
+
+    References
+    ----------
+    P. J. Huber, Ann. Math. Statist. 35, 73 (1964).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> lw.likelihood.Huber().weight(np.array([0.0, 10.0]))
+    array([1.    , 0.1345])
+    """
+
+    corner: float = 1.345
+
+    def __post_init__(self) -> None:
+        _check_positive("corner", self.corner)
+
+    def costs(self, residuals: Floats) -> Floats:
+        size = np.abs(residuals)
+        return np.where(size < self.corner, size**2, 2 * self.corner * size - self.corner**2)
+
+    def weight(self, residuals: Floats) -> Floats:
+        return np.asarray(self.corner / np.maximum(np.abs(residuals), self.corner))
+
+
+@dataclass(frozen=True)
+class Student(Loss):
+    """Negative log likelihood of Student's t distribution: robust where outliers are many or large.
+
+    Parameters
+    ----------
+    freedom : float, optional
+        Degrees of freedom; fewer tolerate larger outliers.
+
+    Raises
+    ------
+    IdentificationError
+        If they are not positive and finite.
+
+    References
+    ----------
+    K. L. Lange, R. J. A. Little and J. M. G. Taylor, J. Am. Stat. Assoc. 84, 881 (1989).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import linkwise as lw
+    >>> lw.likelihood.Student().weight(np.array([0.0, 10.0])).round(3)
+    array([1.25 , 0.048])
+    """
+
+    freedom: float = 4.0
+
+    def __post_init__(self) -> None:
+        _check_positive("freedom", self.freedom)
+
+    def costs(self, residuals: Floats) -> Floats:
+        return np.asarray((self.freedom + 1) * np.log1p(residuals**2 / self.freedom))
+
+    def weight(self, residuals: Floats) -> Floats:
+        return np.asarray((self.freedom + 1) / (self.freedom + residuals**2))
+
+
+LOSSES = {"huber": Huber(), "student": Student()}
+"""Robust losses by name, as `identify` takes them."""
+
+
+def with_bounds_for(loss: Loss, records: Sequence[Record]) -> list[Record]:
+    """Records with clipped readings where the likelihood of bounds is that of the loss: of a normal variable.
+
+    Parameters
+    ----------
+    loss : Loss
+        Loss of a residual.
+    records : sequence of Record
+        The records.
+
+    Returns
+    -------
+    list of Record
+        With a robust loss without them, so that these samples are missing everywhere.
+    """
+    if isinstance(loss, Gaussian):
+        return list(records)
+    return [replace(record, clipped={}) for record in records]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +244,8 @@ class Misfit:
 
     Attributes
     ----------
+    segments, scales, loss : Segments, Scales, Loss
+        The records in segments, units of the unknowns, and the loss of a residual.
     point : Iterate
         The unknowns.
     trajectories : Trajectories
@@ -55,6 +262,9 @@ class Misfit:
         What clipped readings say, beside the samples.
     """
 
+    segments: Segments
+    scales: Scales
+    loss: Loss
     point: Iterate
     trajectories: Trajectories
     residuals: Floats
@@ -69,20 +279,43 @@ class Misfit:
         """(M, C, K) residuals, also of the observations that stand for clipped readings."""
         return self.residuals if self.clipped is None else self.residuals + self.clipped.residuals
 
-    def part(self, segments: slice) -> Misfit:
+    def at(self, point: Iterate) -> Misfit:
+        """That at another point."""
+        return evaluate(self.segments, point, self.scales, self.loss)
+
+    @cached_property
+    def mechanics(self) -> NumericSystem:
+        """The system in numbers."""
+        return self.segments.system.at(self.point.theta)
+
+    def along_tangents(self, part: slice | Indices = slice(None)) -> tuple[Trajectories, Floats, Inputs]:
+        """The orbit in some segments at the steps of its tangents, these steps (k,) in s, and what acts along it."""
+        every = self.segments.flow_steps_per_tangent
+        orbit = self.trajectories.part(part).thinned(every)
+        return orbit, self.segments.step[part] * every, self.segments.inputs.part(part)
+
+    def part(self, which: slice, segments: Segments) -> Misfit:
         """The misfit of some segments that follow each other, without clipped readings and whole costs, which are NaN."""
         return Misfit(
-            replace(self.point, nodes=self.point.nodes[..., segments]),
-            self.trajectories.part(segments),
-            self.residuals[..., segments],
-            self.defects[..., segments.start : segments.stop - 1],
+            segments,
+            self.scales,
+            self.loss,
+            replace(self.point, nodes=self.point.nodes[..., which]),
+            self.trajectories.part(which),
+            self.residuals[..., which],
+            self.defects[..., which.start : which.stop - 1],
             *(np.nan, np.nan),
         )
 
-    def roots(self, segments: Segments, loss: Loss, part: slice) -> Floats:
-        """(M, C, k) square roots of the weights of the residuals that pull, in some segments; 0 where there is none."""
-        roots = segments.roots(loss.weight(self.residuals[..., part]), part)
-        return roots if self.clipped is None else roots + self.clipped.roots[..., part]
+    def weights(self, part: slice) -> tuple[Floats, NDArray[np.float32]]:
+        """(M, C, k) square roots of the weights of the residuals that pull, in some segments, 0 where there is none; and what
+        whitens what sensors show.
+        """
+        segments = self.segments
+        roots = np.sqrt(self.loss.weight(self.residuals[..., part])) * segments.observed[..., part]
+        if self.clipped is not None:
+            roots = roots + self.clipped.roots[..., part]
+        return roots, (roots / segments.deviations(self.scales, part)).astype(np.float32)
 
     def cost(self, q: float) -> float:
         """Total cost.
@@ -168,32 +401,27 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state[:, None]
     defects *= segments.link_weights
     prior = 0.0 if segments.prior is None else segments.prior.cost(point.border)
-    prior += cost_of_starts(segments, point.nodes, scales)
+    prior += float(np.sum(slider_starts(segments, point.nodes, scales)[2] ** 2))
     if segments.random is not None:
         prior += segments.random.cost(point.nodes, point.border)
     data, continuity = loss.total(residuals), float(np.vdot(defects, defects))
-    return Misfit(point, orbit, residuals, defects, data, continuity, prior, clipped)
+    found = point, orbit, residuals, defects, data, continuity, prior, clipped
+    return Misfit(segments, scales, loss, *found)
 
 
-def _at_samples(segments: Segments, mechanics: NumericSystem, orbit: Trajectories, kind: int) -> Floats:
-    """(M, places, K) what a kind of sensors may show of an orbit with points at the samples."""
+def _at_samples(
+    segments: Segments, mechanics: NumericSystem, orbit: Trajectories, kind: int, part: slice = slice(None)
+) -> Floats:
+    """(M, places, k) what a kind of sensors may show at the samples of an orbit with points, in some segments."""
     every = segments.at_samples
     if kind == F:
-        return forces_at_samples(segments, mechanics, orbit)
-    if kind == V:
-        return np.asarray(orbit.states[every, 1] * (1.0 / segments.step))
-    return {X: orbit.states[:, 0], A: orbit.accelerations, S: orbit.memory}[kind][every]
-
-
-def forces_at_samples(segments: Segments, mechanics: NumericSystem, orbit: Trajectories) -> Floats:
-    """(M, L, K) forces in the links in N at the samples; zeros where no sensor shows one."""
-    every = segments.at_samples
-    links = orbit.links[every]
-    forces = np.zeros_like(links[:, 0])
-    if (segments.sensors.kind == F).any():
-        memory = orbit.memory[every]
+        links, memory = orbit.links[every], orbit.memory[every]
+        forces = np.empty_like(links[:, 0])
         mechanics.force(links[:, 0], links[:, 1], memory, forces, np.empty_like(memory))
-    return forces
+        return forces
+    if kind == V:
+        return np.asarray(orbit.states[every, 1] * (1.0 / segments.step[part]))
+    return {X: orbit.states[:, 0], A: orbit.accelerations, S: orbit.memory}[kind][every]
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,38 +432,38 @@ class SensorErrors:
     values: Floats
 
 
-def shown_motion(segments: Segments, misfit: Misfit) -> list[Shown]:
+def shown_motion(misfit: Misfit) -> list[Shown]:
     """What each channel shows (M, K)."""
+    segments = misfit.segments
     ramp, elapsed = _ramp(segments), _elapsed(segments)
-    motions = [_shown(segments, misfit, channel) for channel in range(len(segments.sensors.kind))]
-    return [_along(segments, *motion, ramp, elapsed) for motion in motions]
+
+    def along(value: Floats, rate: Floats) -> Shown:
+        return Shown(value, ramp, elapsed, lambda: rate, lambda: _integrated(segments, value))
+
+    return [along(*_shown(misfit, channel)) for channel in range(len(segments.sensors.kind))]
 
 
-def _along(segments: Segments, value: Floats, rate: Floats, ramp: Floats, elapsed: Floats) -> Shown:
-    return Shown(value, ramp, elapsed, lambda: rate, lambda: _integrated(segments, value))
-
-
-def filtered_motion(segments: Segments, misfit: Misfit) -> list[Floats]:
+def filtered_motion(misfit: Misfit) -> list[Floats]:
     """What a filter that all sensors share does to each channel (M, K) beside a delay: the second derivative of what it shows.
 
     A low pass of first order with the time constant T takes exp(i w t) to (1 - T^2 w^2 / 2) exp(i w (t - T)) at low
     frequencies, so its size here, in s^2, is T^2 / 2.
     """
+    segments = misfit.segments
     sensors, step = segments.sensors, segments.step * segments.refine
     return [
-        motion_of(segments, misfit, V, int(mass))[1]
+        motion_of(misfit, V, int(mass))[1]
         if kind == X and segments.carried is None
-        else _with_rate(_shown(segments, misfit, channel)[1], step)[1]
+        else _rate(_shown(misfit, channel)[1], step)
         for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True))
     ]
 
 
-def estimated_errors(
-    segments: Segments, misfit: Misfit, part: slice
-) -> Iterator[tuple[int, int, Floats | float]]:
+def estimated_errors(misfit: Misfit, part: slice) -> Iterator[tuple[int, int, Floats | float]]:
     """What each error of a sensor that is among the unknowns adds in some segments, if its size is 1: the number of a
     channel, that of the unknown, and values (M, k).
     """
+    segments = misfit.segments
     sensors, point = segments.sensors, misfit.point
     for channel in np.flatnonzero(sensors.offset >= 0).tolist():
         yield channel, int(sensors.offset[channel]), 1.0
@@ -244,25 +472,17 @@ def estimated_errors(
             yield channel, sensors.constants + number, segments.waveforms.values[:, number, part]
     factors = sensors.factors(point.gains)
     for channel in np.union1d(sensors.scaled, sensors.late).tolist():
-        shown, rate = _shown(segments, misfit, channel, part)
+        shown, rate = _shown(misfit, channel, part)
         for number in np.flatnonzero(sensors.gain[channel]).tolist():
             yield channel, sensors.offsets + number, shown
         if channel in sensors.late:
             delay = int(sensors.delay[channel])
             yield channel, sensors.offsets + sensors.gains + delay, -factors[channel] * rate
-    yield from _errors_of_base(segments, misfit, part)
-
-
-def _errors_of_base(
-    segments: Segments, misfit: Misfit, part: slice
-) -> Iterator[tuple[int, int, Floats | float]]:
-    """What a gain and a delay of the record of moving coordinates add to what sensors show of these."""
-    sensors, point, uncertain = segments.sensors, misfit.point, segments.inputs.uncertain
+    uncertain = segments.inputs.uncertain
     if uncertain is None or uncertain.base is None:
         return
     gain, delay = int(uncertain.gains[uncertain.base]), int(uncertain.delays[uncertain.base])
-    factors = sensors.factors(point.gains)
-    for channel in segments.moved_apart:
+    for channel in segments.moved_apart:  # by a gain and a delay of the record of moving coordinates
         carried = carried_by(segments, point, channel, part)
         if carried is not None and gain >= 0:
             yield channel, sensors.offsets + gain, -factors[channel] * carried[0] / point.gains[gain]
@@ -270,21 +490,18 @@ def _errors_of_base(
             yield channel, sensors.offsets + sensors.gains + delay, factors[channel] * carried[1]
 
 
-def _shown(
-    segments: Segments, misfit: Misfit, channel: int, part: slice = slice(None)
-) -> tuple[Floats, Floats]:
+def _shown(misfit: Misfit, channel: int, part: slice = slice(None)) -> tuple[Floats, Floats]:
     """(M, k) what a sensor shows of a mass and of moving coordinates in some segments, and its rate."""
+    segments, point = misfit.segments, misfit.point
     sensors, random = segments.sensors, segments.random
     if channel in sensors.late:
-        sensors = sensors.at(segments.system.at(misfit.point.theta))
-        orbit = sensors.orbit_with_points(misfit.trajectories.part(part))
-        value, rate = segments.late(channel, orbit, misfit.point, part)
+        orbit = sensors.at(misfit.mechanics).orbit_with_points(misfit.trajectories.part(part))
+        value, rate = segments.late(channel, orbit, point, part)
     else:
-        kind, mass = int(sensors.kind[channel]), int(sensors.mass[channel])
-        value, rate = motion_of(segments, misfit, kind, mass, part)
+        value, rate = motion_of(misfit, int(sensors.kind[channel]), int(sensors.mass[channel]), part)
     if random is not None and random.shown is not None:
-        value = value + random.shown[channel] @ misfit.point.nodes[random.rows][:, part]
-    carried = carried_by(segments, misfit.point, channel, part)
+        value = value + random.shown[channel] @ point.nodes[random.rows][:, part]
+    carried = carried_by(segments, point, channel, part)
     return (value, rate) if carried is None else (value + carried[0], rate + carried[1])
 
 
@@ -304,30 +521,19 @@ def carried_by(
     return value / gain, rate / gain
 
 
-def motion_of(
-    segments: Segments, misfit: Misfit, kind: int, mass: int, part: slice = slice(None)
-) -> tuple[Floats, Floats]:
+def motion_of(misfit: Misfit, kind: int, mass: int, part: slice = slice(None)) -> tuple[Floats, Floats]:
     """(M, k) what a sensor of this kind shows of a mass in some segments, and its rate."""
-    every, step = segments.at_samples, segments.step[part]
-    mechanics = segments.system.at(misfit.point.theta)
+    segments, step, mechanics = misfit.segments, misfit.segments.step[part], misfit.mechanics
     orbit = segments.sensors.at(mechanics).orbit_with_points(misfit.trajectories.part(part))
-    if kind in (F, S):
-        inside = orbit.memory[every]
-        if kind == F:
-            inside = forces_at_samples(segments, mechanics, orbit)
-        return _with_rate(inside[:, mass], step * segments.refine)
-    x = orbit.states[every, 0, mass]
-    v = orbit.states[every, 1, mass] / step
-    a = orbit.accelerations[every, mass]
-    if kind == A:
-        return _with_rate(a, step * segments.refine)
-    return (x, v) if kind == X else (v, a)
+    value = _at_samples(segments, mechanics, orbit, kind, part)[:, mass]
+    if kind in (X, V):
+        return value, _at_samples(segments, mechanics, orbit, kind + 1, part)[:, mass]
+    return value, _rate(value, step * segments.refine)
 
 
-def _with_rate(shown: Floats, step: Floats) -> tuple[Floats, Floats]:
-    """A signal (M, k) with samples in steps (k,) in s, and its rate."""
-    series = np.gradient(shown.T.ravel()).reshape(shown.T.shape).T
-    return shown, series / step
+def _rate(shown: Floats, step: Floats) -> Floats:
+    """(M, k) the rate of a signal (M, k) with samples in steps (k,) in s."""
+    return np.asarray(np.gradient(shown.T.ravel()).reshape(shown.T.shape).T / step)
 
 
 def _ramp(segments: Segments) -> Floats:
@@ -362,7 +568,9 @@ def _chains(segments: Segments) -> Iterator[tuple[int, int]]:
 
 
 _JOINED = 2  # short segments in a longer one: in more of them the influence of a mass reaches too far
+
 _JOINED_OF_FEW = 4  # the same where it reaches most of the structure anyway
+
 _FEW = 24  # masses
 
 
@@ -400,6 +608,7 @@ class LongerSegments:
         defects = shorter.defects[:, parts[:-1, -1]]
         return replace(
             shorter,
+            segments=self.segments,
             point=self.point(shorter.point),
             trajectories=orbit.end_to_end(parts),
             residuals=_end_to_end(shorter.residuals, parts, _once(parts)),
@@ -413,10 +622,9 @@ class LongerSegments:
 def _parts(segments: Segments) -> Indices:
     """(K', f) the short segments in each longer one, which no end of a chain interrupts."""
     joined = _JOINED_OF_FEW if len(segments.system.incidence) <= _FEW else _JOINED
-    edges = [0, *(np.flatnonzero(~segments.linked) + 1).tolist(), segments.count]
     rows = [
         np.minimum(np.arange(first, last, joined)[:, None] + np.arange(joined), last - 1)
-        for first, last in pairwise(edges)
+        for first, last in _chains(segments)
     ]
     return np.concatenate(rows)
 

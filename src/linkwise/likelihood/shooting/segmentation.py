@@ -27,8 +27,7 @@ from linkwise.likelihood.shooting.flow import (
     straight_on,
     values_at_delays,
 )
-from linkwise.likelihood.shooting.loss import ClippedReadings
-from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V, X
+from linkwise.likelihood.shooting.segments import A, ClippedReadings, F, S, Segments, Sensors, V, X
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import FIRST_POINT, Structure
 from linkwise.records.channel import BAND_LIMITED, BASE, COMMON, HELD, MOTIONS, Channel, interpolated
@@ -250,28 +249,26 @@ def flow_inputs(
         for name in (*structure.mass_names, *structure.points)
         if f"force:{name}" in records[0].channels
     ]
-    has_base = bool(np.any(structure.base_incidence))
-    force = base = None
-    at_points = forces_at_points(
-        structure, [name.place for _, name in forced], (samples * refine, sum(counts))
-    )
+    force, base, grid, size = None, None, (samples, refine), (samples * refine, sum(counts))
+    at_points = forces_at_points(structure, [name.place for _, name in forced], size)
 
-    def along(name: Channel) -> Floats:
-        pieces = [
-            value_at_points(record, *_input(record, name, count, samples, refine))
-            for record, count in zip(records, counts, strict=True)
-        ]
+    def along(name: str, *, derivative: bool = False) -> Floats:
+        pieces = []
+        for record, count in zip(records, counts, strict=True):
+            values, kind = record.channel(name), record.interpolation.get(name, BAND_LIMITED)
+            require_complete(name, values, record.start, record.rate)
+            pieces.append(value_at_points(record, values, count, grid, kind, derivative=derivative))
         return np.concatenate(pieces, axis=2) if len(pieces) > 1 else pieces[0]
 
     if forced:
-        force = np.zeros((samples * refine, len(POINTS), structure.size, sum(counts)))
+        force = np.zeros((size[0], len(POINTS), structure.size, size[1]))
         for row, name in forced:
             values = along(name)
             for mass in np.flatnonzero(row).tolist():
                 force[:, :, mass] += row[mass] * values
             if at_points is not None and name.place in structure.points:
                 at_points[:, :, structure.points.index(name.place)] = values
-    if has_base:
+    if np.any(structure.base_incidence):
         if "x:base" not in records[0].channels:
             has = [name for name in records[0].inputs if name.endswith(":base")]
             advice = (
@@ -282,11 +279,8 @@ def flow_inputs(
             raise IdentificationError(
                 f"a link ends at the base, whose displacement the record lacks{advice} give a channel x:base"
             )
-        pieces = [
-            _with_rate(record, *_input(record, "x:base", count, samples, refine))
-            for record, count in zip(records, counts, strict=True)
-        ]
-        base = np.concatenate(pieces, axis=3) if any(piece.any() for piece in pieces) else None
+        motion = np.stack([along("x:base"), along("x:base", derivative=True)], axis=2)
+        base = motion if motion.any() else None
     signals = {name: along(Channel("signal", name)) for name in signals_of(records[0], structure)}
     return Inputs(force, base, points=at_points, signals=signals)
 
@@ -314,54 +308,28 @@ def forces_at_points(structure: Structure, places: Sequence[str], size: tuple[in
     return np.zeros((size[0], len(POINTS), len(structure.points), size[1]))
 
 
-def _input(
-    record: Record, name: str, count: int, samples: int, refine: int
-) -> tuple[Floats, int, tuple[int, int], str]:
-    """What `value_at_points` takes of an input; held behind the last sample."""
-    values = record.channel(name)
-    require_complete(name, values, record.start, record.rate)
-    return values, count, (samples, refine), record.interpolation.get(name, BAND_LIMITED)
-
-
 def value_at_points(
-    record: Record, values: Floats, count: int, grid: tuple[int, int], kind: str = BAND_LIMITED
-) -> Floats:
-    """(steps, points, segments) an input at the points of steps, `grid` the samples in a segment and the steps in a sample."""
-    if kind != HELD:
-        return _between_samples(record, values, count, grid, kind)
-    samples, refine = grid
-    steps = np.arange(count * samples * refine).reshape(count, samples * refine)
-    stepped = values[np.minimum(steps.T // refine, len(values) - 1)][:, None, :]  # which jumps at a sample
-    return np.broadcast_to(stepped, (len(stepped), len(POINTS), count)).copy()
-
-
-def _with_rate(
-    record: Record, values: Floats, count: int, grid: tuple[int, int], kind: str = BAND_LIMITED
-) -> Floats:
-    """(steps, points, 2, segments) the value of `value_at_points` and its rate."""
-    value = value_at_points(record, values, count, grid, kind)
-    if kind == HELD:
-        return np.stack([value, np.zeros(value.shape)], axis=2)
-    rate = _between_samples(record, values, count, grid, kind, derivative=True)
-    return np.stack([value, rate], axis=2)
-
-
-def _between_samples(
     record: Record,
     values: Floats,
     count: int,
     grid: tuple[int, int],
-    kind: str,
+    kind: str = BAND_LIMITED,
     *,
     derivative: bool = False,
 ) -> Floats:
-    """(steps, points, segments) of the interpolant or its derivative, which is 0 behind the last sample.
+    """(steps, points, segments) an input at the points of steps, held behind the last sample, or its rate.
 
-    A long band-limited signal is interpolated block by block, with as many samples around each as the interpolation reaches.
+    `grid` are the samples in a segment and the steps in a sample. A long band-limited signal is interpolated block by block,
+    with as many samples around each as the interpolation reaches.
     """
     samples, refine = grid
+    result = np.zeros((samples * refine, len(POINTS), count))
+    if kind == HELD and not derivative:  # which jumps at a sample
+        steps = np.arange(count * samples * refine).reshape(count, samples * refine)
+        result[:] = values[np.minimum(steps.T // refine, len(values) - 1)][:, None, :]
+    if kind == HELD:
+        return result
     end_of_signal = record.start + (len(values) - 1) / record.rate
-    result = np.empty((samples * refine, len(POINTS), count))
     size = count if len(values) <= _BLOCK or kind != BAND_LIMITED else _BLOCK // samples
     for first in range(0, count, size):
         last = min(first + size, count)
@@ -371,12 +339,8 @@ def _between_samples(
         steps = np.arange(first * samples * refine, last * samples * refine).reshape(last - first, -1)
         time = record.start + record.step / refine * (steps.T[:, None, :] + POINTS[None, :, None])
         inside = np.minimum(time, end_of_signal)
-        own = result[..., first:last]
-        own[:] = (
-            np.where(time <= end_of_signal, signal.derivative(inside), 0.0)
-            if derivative
-            else signal.value(inside)
-        )
+        shown = signal.derivative(inside) if derivative else signal.value(inside)
+        result[..., first:last] = np.where(time <= end_of_signal, shown, 0.0) if derivative else shown
     return result
 
 
@@ -400,7 +364,13 @@ def in_moving_coordinates(
         The segments; the same where no coordinates move.
     """
     samples, refine = len(segments.samples), segments.refine
-    inputs = replace(segments.inputs, frame=_frame_acceleration(frames, samples, refine))
+    accelerations = [
+        value_at_points(frame.record, frame.acceleration, -(-len(frame.record) // samples), (samples, refine))
+        for frame in frames
+        if frame.acceleration is not None
+    ]
+    frame = np.concatenate(accelerations, axis=2) if accelerations else None
+    inputs = replace(segments.inputs, frame=frame)
     carried = _carried(frames, samples)
     which = np.arange(len(segments.sensors.kind)) if late else segments.sensors.late
     if carried is None or not len(which):
@@ -442,18 +412,6 @@ def _carried(frames: Sequence[FramedRecord], samples: int) -> Floats | None:
         shown = np.stack([frame.carried.get(name, nothing) for name in frame.names.values()], axis=2)
         parts.append(np.stack([cut(values, samples) for values in shown]))
     return np.nan_to_num(np.concatenate(parts, axis=3))
-
-
-def _frame_acceleration(frames: Sequence[FramedRecord], samples: int, refine: int) -> Floats | None:
-    """(J, 5, K) acceleration of the coordinates at the points of every step."""
-    if not any(frame.acceleration is not None for frame in frames):
-        return None
-    pieces = [
-        value_at_points(frame.record, frame.acceleration, -(-len(frame.record) // samples), (samples, refine))
-        for frame in frames
-        if frame.acceleration is not None
-    ]
-    return np.concatenate(pieces, axis=2)
 
 
 def with_uncertain_forces(

@@ -11,14 +11,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from types import EllipsisType
+from typing import TypeAlias
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.expression import Expression, Operation, Program, differentiate
+from linkwise.expression import Operation, Program, differentiate
 from linkwise.likelihood.starts.linear_part import is_linear
 from linkwise.model.coefficient import MASS, SHAPE, Name
+from linkwise.model.host import Host
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.named_laws import slider_parts, smooth_rates
 from linkwise.model.structure import Structure
@@ -56,11 +57,6 @@ class LawGroup:
     lag: float | None = None
 
     @cached_property
-    def states(self) -> slice:
-        """Positions of the states of these links."""
-        return slice(self.first_state, self.first_state + len(self.law.states) * self.size)
-
-    @cached_property
     def size(self) -> int:
         """Number of links."""
         return int(self.links.stop - self.links.start)
@@ -68,39 +64,35 @@ class LawGroup:
     @cached_property
     def force(self) -> Program:
         """Program for the force and the rates of the states from d, v, the states, the signals and the coefficients."""
-        return _force_program(self.law, self.lag)
+        return _program(self.law, self.lag)
 
     @cached_property
     def partials(self) -> Program:
         """Program for the partial derivatives of the force with respect to d, v, the unknown coefficients and the states, and
         then of each rate.
         """
-        return _slope_program(self.law, self.free, self.lag)
+        return _program(self.law, self.lag, (*VARIABLES, *self.free, *self.law.states))
 
     @property
     def rows(self) -> slice:
         """Positions of the coefficients of these links in the vector of coefficients: name by name, link by link."""
         return slice(self.first, self.first + len(self.law.coefficients) * self.size)
 
-    @cached_property
-    def which(self) -> tuple[EllipsisType, slice, slice]:
-        """Index of these links in arrays (..., L, K)."""
-        return (..., self.links, slice(None))
-
-    @cached_property
-    def _which_states(self) -> tuple[tuple[EllipsisType, slice, slice], ...]:
-        """Index of each state of the law in arrays (..., S, K)."""
-        starts = range(self.first_state, self.states.stop, self.size)
-        return tuple((..., slice(start, start + self.size), slice(None)) for start in starts)
-
     def of_states(self, values: Floats) -> list[Floats]:
         """The parts (..., m, K) of an array over all states (..., S, K), one for each state of the law."""
-        return [values[which] for which in self._which_states]
+        firsts = (self.first_state + number * self.size for number in range(len(self.law.states)))
+        return [values[..., first : first + self.size, :] for first in firsts]
 
-    def inside(self, values: Floats) -> list[Floats]:
-        """As `of_states`, and the signals (..., 1, K) that the law names, which follow the states in (..., S + U, K)."""
+    def state(self, number: int, link: int) -> int:
+        """Position on the state axis of a state of the law, by its number, in one of these links."""
+        return self.first_state + number * self.size + link
+
+    def inside(self, d: Floats, v: Floats, values: Floats) -> list[Floats]:
+        """What their laws take: elongations and rates (..., m, K) out of (..., L, K), the parts of `of_states`, and the
+        signals (..., 1, K) that the law names, which follow the states in `values` (..., S + U, K).
+        """
         signals = [values[..., place : place + 1, :] for place in self.signals]
-        return [*self.of_states(values), *signals]
+        return [d[..., self.links, :], v[..., self.links, :], *self.of_states(values), *signals]
 
     def row(self, name: str) -> slice:
         """Positions of one coefficient of these links.
@@ -120,29 +112,13 @@ class LawGroup:
 
 
 @lru_cache(maxsize=512)
-def _force_program(law: Law, lag: float | None) -> Program:
-    trees = _trees(law, lag)
-    return Program(trees, (*law.variables, *law.coefficients), wide=law.variables)
-
-
-@lru_cache(maxsize=512)
-def _slope_program(law: Law, free: tuple[str, ...], lag: float | None) -> Program:
-    names = (*VARIABLES, *free, *law.states)
-    trees = _trees(law, lag)
-    slopes = [differentiate(tree, name) for tree in trees for name in names]
-    return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)
-
-
-@lru_cache(maxsize=512)
-def _slope_by_signal(law: Law, name: str) -> Program:
-    slope = differentiate(law.expression, name)
-    return Program([slope], (*law.variables, *law.coefficients), wide=law.variables)
-
-
-def _trees(law: Law, lag: float | None) -> list[Expression]:
-    """The force of a law and the rates of its states."""
+def _program(law: Law, lag: float | None, by: tuple[str, ...] = ()) -> Program:
+    """Program for the force of a link and the rates of its states, or for their partial derivatives `by` some names."""
     rates = [rate.expression for rate in law.rates] if lag is None else smooth_rates(law, lag)
-    return [law.expression, *rates]
+    trees = [law.expression, *rates]
+    if by:
+        trees = [differentiate(tree, name) for tree in trees for name in by]
+    return Program(trees, (*law.variables, *law.coefficients), wide=law.variables)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,11 +144,12 @@ class ShapeParameters:
     @classmethod
     def of(cls, structure: Structure, order: Indices) -> ShapeParameters | None:
         """The shapes among the parameters of a structure, `order` (L,) being that of the links; None without any."""
+        hosts = [name.partition(".")[0] for name in structure.mass_names]
         shapes = [
-            (column, structure.points.index(_point(structure, *member)), -1 - member[0])
+            (column, structure.points.index(f"{hosts[-1 - index]}.{key.removeprefix(SHAPE)}"), -1 - index)
             for column, parameter in enumerate(structure.parameters)
-            for member in parameter.members
-            if member[0] < 0 and member[1].startswith(SHAPE)
+            for index, key in parameter.members
+            if index < 0 and key.startswith(SHAPE)
         ]
         if not shapes:
             return None
@@ -187,11 +164,6 @@ class ShapeParameters:
         change = np.zeros_like(self.start)
         change[self.points, self.modes] = theta[self.columns] - self.start[self.points, self.modes]
         return change
-
-
-def _point(structure: Structure, index: int, key: str) -> str:
-    host, _, _ = structure.mass_names[-1 - index].partition(".")
-    return f"{host}.{key.removeprefix(SHAPE)}"
 
 
 def held_where_unseen(structure: Structure, channels: Sequence[Channel]) -> Structure:
@@ -211,23 +183,16 @@ def held_where_unseen(structure: Structure, channels: Sequence[Channel]) -> Stru
     """
     used = {end for link in structure.links for end in link.between}
     used |= {channel.place for channel in channels}
-    hosts = tuple(
-        replace(
-            host,
-            modes=tuple(
-                replace(
-                    mode,
-                    shape_sigma={
-                        point: sigma
-                        for point, sigma in mode.shape_sigma.items()
-                        if f"{host.name}.{point}" in used
-                    },
-                )
-                for mode in host.modes
-            ),
+
+    def held(host: Host) -> Host:
+        seen = [point for point in host.points if f"{host.name}.{point}" in used]
+        sigmas = (
+            {key: mode.shape_sigma[key] for key in seen if key in mode.shape_sigma} for mode in host.modes
         )
-        for host in structure.hosts
-    )
+        modes = (replace(mode, shape_sigma=sigma) for mode, sigma in zip(host.modes, sigmas, strict=True))
+        return replace(host, modes=tuple(modes))
+
+    hosts = tuple(map(held, structure.hosts))
     return structure if hosts == structure.hosts else replace(structure, hosts=hosts)
 
 
@@ -267,14 +232,12 @@ class Parameters:
     @classmethod
     def of(cls, structure: Structure, groups: list[LawGroup], order: Indices, rows: int) -> Parameters:
         """Those of a structure whose links, in this `order`, have `rows` coefficients in the groups."""
-        position_of = {int(index): position for position, index in enumerate(order)}
-        row_of = {}
-        for group in groups:
-            for index in order[group.links]:
-                for name in group.law.coefficients:
-                    row_of[int(index), name] = (
-                        group.row(name).start + position_of[int(index)] - group.links.start
-                    )
+        row_of = {
+            (index, name): group.row(name).start + offset
+            for group in groups
+            for offset, index in enumerate(order[group.links].tolist())
+            for name in group.law.coefficients
+        }
         free = structure.parameters
         map_, mass_map = np.zeros((rows, len(free))), np.zeros((structure.size, len(free)))
         for column, parameter in enumerate(free):
@@ -298,50 +261,6 @@ class Parameters:
             lower=np.array([parameter.lower for parameter in free]),
             upper=np.array([parameter.upper for parameter in free]),
         )
-
-
-class RatePartials:
-    """Partial derivatives of the rates of states, and of the forces by states; states are the last axis but one.
-
-    Attributes
-    ----------
-    force : array of shape (..., S, K)
-        Of the force of a state's link with respect to the state.
-    by_d, by_v : array of shape (..., S, K)
-        Of the rates with respect to elongation and rate of the link.
-    by_state : list of (int, int, array)
-        Of the rate of a state (first) with respect to a state (second), (..., K).
-    by_parameter : list of (int, int, array)
-        Of the rate of a state (first) with respect to a parameter (second), (..., K).
-    """
-
-    def __init__(self, parameter_map: Floats, states: Floats) -> None:
-        self.parameter_map = parameter_map
-        self.force, self.by_d, self.by_v = (np.empty_like(states) for _ in range(3))
-        self.by_state: list[tuple[int, int, Floats]] = []
-        self.by_parameter: list[tuple[int, int, Floats]] = []
-
-    def take(self, group: LawGroup, slopes: list[Floats]) -> None:
-        """Take in what `LawGroup.partials` gives behind the derivatives of the force by coefficients."""
-        count, size, first = len(group.law.states), group.size, group.first_state
-        for own, slope in zip(group.of_states(self.force), slopes[:count], strict=True):
-            own[...] = slope
-        width = 2 + len(group.free) + count
-        for number in range(count):
-            by_d, by_v, *others = slopes[count + number * width : count + (number + 1) * width]
-            group.of_states(self.by_d)[number][...] = by_d
-            group.of_states(self.by_v)[number][...] = by_v
-            for offset in range(size):
-                state = first + number * size + offset
-                for source in range(count):
-                    slope = others[len(group.free) + source][..., offset, :]
-                    self.by_state.append((state, first + source * size + offset, slope))
-                for name, slope in zip(group.free, others, strict=False):
-                    factors = self.parameter_map[group.row(name).start + offset]
-                    for column in np.flatnonzero(factors):
-                        self.by_parameter.append(
-                            (state, int(column), factors[column] * slope[..., offset, :])
-                        )
 
 
 MANY = 12  # masses from which the parts of a structure are handled apart
@@ -464,13 +383,13 @@ class System:
     @cached_property
     def slider_states(self) -> Indices:
         """Rows (s,) of the states of sliders among all 2n + S: those that are held within a largest size."""
-        first = 2 * len(self.incidence)
-        rows = [
-            np.arange(group.states.start, group.states.stop)
-            for group in self.groups
-            if slider_parts(group.law) is not None
+        owners = [group.links for group in self.groups if slider_parts(group.law) is not None]
+        held = [
+            state
+            for state, link in enumerate(self.state_links)
+            if any(o.start <= link < o.stop for o in owners)
         ]
-        return first + np.concatenate([np.empty(0, dtype=int), *rows])
+        return 2 * len(self.incidence) + np.array(held, dtype=int)
 
     @cached_property
     def linear_links(self) -> Indices:
@@ -507,30 +426,36 @@ class System:
             known[group.links] = fixed.reshape(-1, group.size).any(axis=0)
         return ~known
 
-    @cached_property
-    def free_rows(self) -> int:
-        """Number of rows of partial derivatives with respect to coefficients in `NumericSystem.partials`."""
-        return sum(len(group.free) * group.size for group in self.groups)
+
+Cross: TypeAlias = tuple[int, int, Floats]
 
 
 @dataclass(frozen=True, eq=False)
 class ForcePartials:
-    """Partial derivatives of the link forces.
+    """Partial derivatives of the link forces and of the rates of their S states.
 
     Attributes
     ----------
     by_d, by_v : array of shape (..., L, K)
-        With respect to elongations and rates.
+        Of forces with respect to elongations and rates.
     by_parameter : array of shape (..., E, K)
-        With respect to parameters, one row for each of `System.interactions`.
-    memory : RatePartials
-        Those that states have.
+        Of forces with respect to parameters, one row for each of `System.interactions`.
+    by_state : array of shape (..., S, K)
+        Of the force of a state's link with respect to the state.
+    rate_by_d, rate_by_v : array of shape (..., S, K)
+        Of the rates of states with respect to elongation and rate of the link.
+    rate_by_state, rate_by_parameter : list of (int, int, array)
+        Of the rate of a state (first) with respect to a state or a parameter (second), (..., K).
     """
 
     by_d: Floats
     by_v: Floats
     by_parameter: Floats
-    memory: RatePartials
+    by_state: Floats
+    rate_by_d: Floats
+    rate_by_v: Floats
+    rate_by_state: list[Cross]
+    rate_by_parameter: list[Cross]
 
 
 @dataclass(frozen=True, eq=False)
@@ -598,12 +523,9 @@ class NumericSystem:
         rates : array of shape (..., S, K)
             The rates of the states, overwritten.
         """
-        for group, values in zip(self.system.groups, self._values, strict=True):
-            which, inside = group.which, group.inside(states)
-            force, *slopes = group.force(d[which], v[which], *inside, *values)
-            out[which] = force
-            for own, slope in zip(group.of_states(rates), slopes, strict=True):
-                own[...] = slope
+        with np.errstate(all="ignore"):
+            for operation in self.force_operations(d, v, states, out, rates):
+                operation()
 
     def force_operations(
         self, d: Floats, v: Floats, states: Floats, out: Floats, rates: Floats
@@ -622,8 +544,8 @@ class NumericSystem:
         """
         operations = []
         for group, values in zip(self.system.groups, self._values, strict=True):
-            given = (d[group.which], v[group.which], *group.inside(states), *values)
-            operations += group.force.into(given, [out[group.which], *group.of_states(rates)])
+            shown = [out[..., group.links, :], *group.of_states(rates)]
+            operations += group.force.into([*group.inside(d, v, states), *values], shown)
         return operations
 
     def partials(self, d: Floats, v: Floats, states: Floats) -> ForcePartials:
@@ -641,32 +563,43 @@ class NumericSystem:
         ForcePartials
             The derivatives.
         """
+        system, of_states = self.system, states[..., : len(self.system.states), :]
         by_d, by_v = np.empty_like(d), np.empty_like(d)
-        by_coefficient = np.empty((*d.shape[:-2], self.system.free_rows, d.shape[-1]))
-        rows = 0
-        memory = RatePartials(self.system.parameters.map, states[..., : len(self.system.states), :])
-        for group, values in zip(self.system.groups, self._values, strict=True):
-            which, inside = group.which, group.inside(states)
-            by_d[which], by_v[which], *slopes = group.partials(d[which], v[which], *inside, *values)
-            for slope in slopes[: len(group.free)]:
-                by_coefficient[..., rows : rows + group.size, :] = slope
-                rows += group.size
-            memory.take(group, slopes[len(group.free) :])
-        pairs = self.system.interactions
-        by_parameter = np.empty((*d.shape[:-2], len(pairs), d.shape[-1]))
-        for index, (_, _, terms) in enumerate(pairs):
-            (row, factor), *rest = terms
-            by_parameter[..., index, :] = factor * by_coefficient[..., row, :]
-            for row, factor in rest:
-                by_parameter[..., index, :] += factor * by_coefficient[..., row, :]
-        return ForcePartials(by_d, by_v, by_parameter, memory)
+        by_state, rate_by_d, rate_by_v = (np.empty_like(of_states) for _ in range(3))
+        by_coefficient, among_states, by_others = list[Floats](), list[Cross](), list[Cross]()
+        for group, values in zip(system.groups, self._values, strict=True):
+            slopes = group.partials(*group.inside(d, v, states), *values)
+            count, free = len(group.law.states), len(group.free)
+            width = 2 + free + count
+            of_force, *of_rates = (slopes[at : at + width] for at in range(0, len(slopes), width))
+            by_d[..., group.links, :], by_v[..., group.links, :], *others = of_force
+            by_coefficient += [slope[..., k, :] for slope in others[:free] for k in range(group.size)]
+            for own, slope in zip(group.of_states(by_state), others[free:], strict=True):
+                own[...] = slope
+            for number, (own_by_d, own_by_v, *others) in enumerate(of_rates):
+                group.of_states(rate_by_d)[number][...] = own_by_d
+                group.of_states(rate_by_v)[number][...] = own_by_v
+                for k in range(group.size):
+                    state, *sources = (group.state(source, k) for source in (number, *range(count)))
+                    for source, slope in zip(sources, others[free:], strict=True):
+                        among_states.append((state, source, slope[..., k, :]))
+                    for name, slope in zip(group.free, others, strict=False):
+                        factors = system.parameters.map[group.row(name).start + k]
+                        for column in np.flatnonzero(factors).tolist():
+                            by_others.append((state, column, factors[column] * slope[..., k, :]))
+        by_parameter = np.empty((*d.shape[:-2], len(system.interactions), d.shape[-1]))
+        for index, (_, _, terms) in enumerate(system.interactions):
+            by_parameter[..., index, :] = sum(factor * by_coefficient[row] for row, factor in terms)
+        return ForcePartials(
+            by_d, by_v, by_parameter, by_state, rate_by_d, rate_by_v, among_states, by_others
+        )
 
     def by_signal(self, signal: int, d: Floats, v: Floats, states: Floats) -> Floats:
         """Partial derivatives (..., L, K) of the link forces with respect to the signal at a position behind the states."""
         slopes = np.zeros_like(d)
         for group, values in zip(self.system.groups, self._values, strict=True):
             if signal in group.signals:
-                which = group.which
-                slope = _slope_by_signal(group.law, group.law.signals[group.signals.index(signal)])
-                (slopes[which],) = slope(d[which], v[which], *group.inside(states), *values)
+                name = group.law.signals[group.signals.index(signal)]
+                slope = _program(group.law, group.lag, (name,))
+                slopes[..., group.links, :] = slope(*group.inside(d, v, states), *values)[0]
         return slopes

@@ -3,13 +3,17 @@
 They only set search directions and standard errors: order 4, in single precision, along the states of the flow.
 `TangentForces` are what sensitivities of the motion do to the forces of links and what unknown coefficients, masses, shapes
 of hosts and candidate forces add; `march` carries them from the nodes on.
+
+`whitened_jacobian` has the rows of some segments: sensitivities to the states of their nodes, to parameters and candidate
+forces, and to errors of sensors and inputs, which touch the rows of one channel each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +29,15 @@ from linkwise.likelihood.shooting.flow import (
     in_turn,
     input_along,
 )
-from linkwise.likelihood.shooting.segments import Sensors
-from linkwise.likelihood.shooting.system import NumericSystem, System
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, estimated_errors
+from linkwise.likelihood.shooting.segments import (
+    A,
+    Iterate,
+    Segments,
+    Sensors,
+    V,
+)
+from linkwise.likelihood.shooting.system import NumericSystem, ShapeParameters
 from linkwise.model.structure import FIRST_POINT
 
 Single = NDArray[np.float32]
@@ -62,48 +73,60 @@ class CandidateForces:
         )
 
 
+Added: TypeAlias = tuple[Indices, Indices, Single]
+"""Rows and columns of sensitivities, no pair of which occurs twice, and what is added there along steps (2 J + 1, k, K)."""
+
+
 class TangentForces:
-    """Tangent link forces h^2 df, and the change of acceleration by an unknown mass, at ends and middles of steps in turn."""
+    """Tangent link forces h^2 df, and the change of acceleration by an unknown mass, at ends and middles of steps in turn.
+
+    They are those of the `masses`, `links` and `states` of links in a part of the structure, by some `columns`: states, the
+    parameters and candidate forces.
+    """
 
     def __init__(
         self,
         mechanics: NumericSystem,
-        links: Floats,
-        memory: Floats,
-        accelerations: Floats,
+        orbit: Trajectories,
         step: Floats,
         unit: Floats,
+        candidates: CandidateForces | None = None,
+        *,
+        inputs: Inputs,
     ) -> None:
-        system, step2 = mechanics.system, step * step
-        first = system.dimension
+        system, step2, first = mechanics.system, step * step, mechanics.system.dimension
+        links, memory = in_turn(orbit.links, orbit.middle_links), in_turn(orbit.memory, orbit.middle_memory)
         slopes = mechanics.partials(links[:, 0], links[:, 1], memory)
-        units = np.array([unit[column] for _, column, _ in system.interactions])[:, None]
+        self.mechanics, self.step = mechanics, step
+        width = first + len(unit) + (0 if candidates is None else len(candidates.first))
+        sizes = (*mechanics.gain.shape, len(system.states), width)
+        self.masses, self.links, self.states, self.columns = map(np.arange, sizes)
+        self.into_links, self.gain = _matrix(mechanics.incidence.T), _matrix(mechanics.gain)
         self.by_d = (slopes.by_d * step2).astype(np.float32)
         self.by_v = (slopes.by_v * step).astype(np.float32)
-        self.by_parameter = (slopes.by_parameter * (units * step2)).astype(np.float32)
-        self.rows = np.array([link for link, _, _ in system.interactions], dtype=int)
-        self.columns = np.array([first + column for _, column, _ in system.interactions], dtype=int)
-        self.width = first + len(unit)
-        self.candidates: list[tuple[Indices, Indices, Single]] = []
-        self.masses = []
-        for i, column in np.argwhere(system.parameters.mass_map):
-            factor = -system.parameters.mass_map[i, column] * unit[column] / mechanics.masses[i]
-            self.masses.append(
-                (i, first + column, (accelerations[:, i] * (factor * step2)).astype(np.float32))
-            )
-        self.mechanics, self.unit = mechanics, unit
-        self.by_shape: tuple[Indices, Indices, Single] | None = None
+        rows, columns = np.array([pair[:2] for pair in system.interactions], dtype=int).reshape(-1, 2).T
+        by_parameter = (slopes.by_parameter * (unit[columns, None] * step2)).astype(np.float32)
+        self.on_links: list[Added] = [(rows, first + columns, by_parameter)]
+        masses, columns = np.nonzero(system.parameters.mass_map)
+        factors = -system.parameters.mass_map[masses, columns] * unit[columns] / mechanics.masses[masses]
+        inertia = inputs.accelerations(orbit)[:, masses] * (factors[:, None] * step2)
+        self.on_masses: list[Added] = [(masses, first + columns, inertia.astype(np.float32))]
         self._by_rate: Single = np.empty((0, 0, 0), np.float32)  # room for a part of the forces
-        inner = slopes.memory
         self.owners = system.state_links
-        self.by_state = (inner.force * step2).astype(np.float32)
-        self.rate_by_d = (inner.by_d * step).astype(np.float32)
-        self.rate_by_v = inner.by_v.astype(np.float32)
-        self.rate_by_state = [(to, of, (slope * step).astype(np.float32)) for to, of, slope in inner.by_state]
+        self.by_state = (slopes.by_state * step2).astype(np.float32)
+        self.rate_by_d = (slopes.rate_by_d * step).astype(np.float32)
+        self.rate_by_v = slopes.rate_by_v.astype(np.float32)
+        self.rate_by_state = [
+            (to, of, (slope * step).astype(np.float32)) for to, of, slope in slopes.rate_by_state
+        ]
         self.rate_by_parameter = [
             (to, first + column, (slope * (unit[column] * step)).astype(np.float32))
-            for to, column, slope in inner.by_parameter
+            for to, column, slope in slopes.rate_by_parameter
         ]
+        if candidates is not None:
+            self._add_candidates(candidates)
+        if system.shapes is not None:
+            self._add_shapes(system.shapes, orbit, inputs, unit)
 
     @property
     def steps(self) -> int:
@@ -111,96 +134,84 @@ class TangentForces:
         return len(self.by_d) // 2
 
     def within(self, masses: Indices, links: Indices, states: Indices, columns: Indices) -> TangentForces:
-        """Those of some `columns` in a part of the structure, the rest of which stays where it is.
-
-        Shapes of hosts must not be among the parameters.
-        """
+        """Those of some `columns` in a part of the structure, the rest of which stays where it is."""
         own = copy(self)
-        at_mass, at_link, at_state, at_column = (
-            _places(which, size)
-            for which, size in (
-                (masses, len(self.mechanics.masses)),
-                (links, self.by_d.shape[1]),
-                (states, len(self.owners)),
-                (columns, self.width + sum(len(candidate[1]) for candidate in self.candidates)),
-            )
-        )
+        own.masses, own.links, own.states, own.columns = parts = masses, links, states, columns
+        wholes = (self.masses, self.links, self.states, self.columns)
+        at_mass, at_link, at_state, at_column = map(_places, parts, map(len, wholes))
+        inside = np.ix_(masses, links)
+        own.into_links = _matrix(self.mechanics.incidence[inside].T)
+        own.gain = _matrix(self.mechanics.gain[inside])
         own.by_d, own.by_v = self.by_d[:, links], self.by_v[:, links]
-        retained = (at_link[self.rows] >= 0) & (at_column[self.columns] >= 0)
-        own.rows, own.columns = at_link[self.rows[retained]], at_column[self.columns[retained]]
-        own.by_parameter = self.by_parameter[:, retained]
-        own.masses = [
-            (int(at_mass[i]), int(at_column[column]), change)
-            for i, column, change in self.masses
-            if at_mass[i] >= 0 and at_column[column] >= 0
-        ]
-        own.candidates = []
-        for ends, numbers, change in self.candidates:
-            some = np.flatnonzero((at_mass[ends] >= 0) & (at_column[numbers] >= 0))
-            if len(some):
-                own.candidates.append((at_mass[ends[some]], at_column[numbers[some]], change[:, some]))
+        own.on_links = _within(self.on_links, at_link, at_column)
+        own.on_masses = _within(self.on_masses, at_mass, at_column)
         own.owners, own.by_state = at_link[self.owners[states]], self.by_state[:, states]
         own.rate_by_d, own.rate_by_v = self.rate_by_d[:, states], self.rate_by_v[:, states]
-        own.rate_by_state = [
-            (int(at_state[to]), int(at_state[of]), slope)
-            for to, of, slope in self.rate_by_state
-            if at_state[to] >= 0 and at_state[of] >= 0
-        ]
-        own.rate_by_parameter = [
-            (int(at_state[to]), int(at_column[column]), slope)
-            for to, column, slope in self.rate_by_parameter
-            if at_state[to] >= 0 and at_column[column] >= 0
-        ]
+        own.rate_by_state, own.rate_by_parameter = (
+            [
+                (int(at_state[to]), int(places[of]), slope)
+                for to, of, slope in slopes
+                if at_state[to] >= 0 and places[of] >= 0
+            ]
+            for slopes, places in ((self.rate_by_state, at_state), (self.rate_by_parameter, at_column))
+        )
         return own
 
-    def add_candidates(self, candidates: CandidateForces, step: Floats) -> None:
-        """Count forces that no link exerts yet."""
-        force = candidates.along
+    def _add_candidates(self, candidates: CandidateForces) -> None:
+        """Count forces that no link exerts yet; they are the last columns."""
+        first, masses = len(self.columns) - len(candidates.first), self.mechanics.masses
         for ends, sign in ((candidates.first, -1.0), (candidates.second, 1.0)):
             on_mass = np.flatnonzero(ends >= 0)
-            self._push(ends[on_mass], on_mass, np.full(len(on_mass), sign), force, step)
-            for number, shape in enumerate([*self.mechanics.points, -self.mechanics.masses]):
+            moved = [(ends[on_mass], on_mass, 1.0)]
+            for number, shape in enumerate([*self.mechanics.points, -masses]):
                 at_point = np.flatnonzero(ends == FIRST_POINT - number)
-                for mode in np.flatnonzero(shape) if len(at_point) else ():
-                    weights = np.full(len(at_point), sign * shape[mode])
-                    self._push(np.full(len(at_point), mode), at_point, weights, force, step)
+                modes = np.flatnonzero(shape) if len(at_point) else np.empty(0, int)
+                moved += [(np.full(len(at_point), mode), at_point, shape[mode]) for mode in modes]
+            for moving, which, weight in moved:
+                factor = ((sign * weight / masses[moving])[:, None] * self.step**2).astype(np.float32)
+                change = (candidates.along[:, which] * factor).astype(np.float32, copy=False)
+                self.on_masses.append((moving, first + which, change))
 
-    def add_shapes(
-        self, states: Floats, links: Floats, memory: Floats, applied: Floats | None, step: Floats
+    def _add_shapes(
+        self, shapes: ShapeParameters, orbit: Trajectories, inputs: Inputs, units: Floats
     ) -> None:
-        """Count shapes that are parameters: they stretch links at the point, and pass its forces on to the mode.
-
-        `states` (..., 2, n, K) are x and u, `applied` (..., k, K) the forces on the points.
-        """
-        shapes = self.mechanics.system.shapes
-        assert shapes is not None
-        unit, points, modes = self.unit[shapes.columns], shapes.points, shapes.modes
+        """Count shapes that are parameters: they stretch links at the point, and pass its forces on to the mode."""
+        states = in_turn(orbit.states, orbit.middles(self.step))
+        links, memory = in_turn(orbit.links, orbit.middle_links), in_turn(orbit.memory, orbit.middle_memory)
+        unit, points, modes = units[shapes.columns], shapes.points, shapes.modes
         force = np.empty_like(links[:, 0])
         self.mechanics.force(links[:, 0], links[:, 1], memory, force, np.empty_like(memory))
         acting = -(shapes.sides @ force)
-        if applied is not None:
-            acting += applied
-        factor = (unit / self.mechanics.masses[modes])[:, None] * step**2
-        columns = self.width - len(self.unit) + shapes.columns
-        self.candidates.append((modes, columns, (acting[:, points] * factor).astype(np.float32)))
+        if inputs.points is not None:
+            acting += input_along(inputs.points, len(inputs.points) // len(orbit.middle_links))
+        factor = (unit / self.mechanics.masses[modes])[:, None] * self.step**2
+        columns = self.mechanics.system.dimension + shapes.columns
+        self.on_masses.append((modes, columns, (acting[:, points] * factor).astype(np.float32)))
         which, link = np.nonzero(shapes.sides[points])
         weight = (shapes.sides[points[which], link] * unit[which])[:, None]
         x, u = (states[:, kind][:, modes[which]] for kind in (0, 1))
         change = weight * (self.by_d[:, link] * x + self.by_v[:, link] * u)
-        self.by_shape = link, columns[which], change.astype(np.float32)
+        self.on_links.append((link, columns[which], change.astype(np.float32)))
         for state, owner in enumerate(self.owners.tolist()):
             for pair in np.flatnonzero(link == owner):
                 slope = self.rate_by_d[:, state] * x[:, pair] + self.rate_by_v[:, state] * u[:, pair]
                 change = (slope * weight[pair]).astype(np.float32)
                 self.rate_by_parameter.append((state, columns[which[pair]], change))
 
-    def _push(
-        self, masses: Indices, which: Indices, weights: Floats, force: Floats | Single, step: Floats
-    ) -> None:
-        """Count the forces `which` (k,) of `force`, weighted, on masses (k,), none of which occurs twice for a force."""
-        factor = ((weights / self.mechanics.masses[masses])[:, None] * step**2).astype(np.float32)
-        change = (force[:, which] * factor).astype(np.float32, copy=False)
-        self.candidates.append((masses, self.width + which, change))
+    def at_nodes(self, scale: Floats) -> tuple[Single, Single]:
+        """Sensitivities (2, n, P, K) of masses and (S, P, K) of states of links at nodes: to themselves, in their units."""
+        n, shape = len(self.mechanics.masses), (len(self.columns), len(self.step))
+        state = np.zeros((2, len(self.masses), *shape), np.float32)
+        inner = np.zeros((len(self.states), *shape), np.float32)
+        for column, number in enumerate(self.columns[self.columns < len(scale)].tolist()):
+            kind, mass = divmod(number, n)
+            if kind < 2:
+                state[kind, np.searchsorted(self.masses, mass), column] = scale[number] * (
+                    self.step if kind else 1.0
+                )
+            else:
+                inner[np.searchsorted(self.states, number - 2 * n), column] = scale[number]
+        return state, inner
 
     def __call__(self, j: int, motion: Single, inner: Single, out: Single, rates: Single) -> None:
         """Tangent forces (L, P, K) to `out` and tangent rates of states, times the step, (S, P, K) to `rates`."""
@@ -208,9 +219,7 @@ class TangentForces:
         if self._by_rate.shape != out.shape:
             self._by_rate = np.empty_like(out)
         out += np.multiply(self.by_v[j][:, None], motion[1], out=self._by_rate)
-        out[self.rows, self.columns] += self.by_parameter[j]
-        if self.by_shape is not None:
-            links, columns, change = self.by_shape
+        for links, columns, change in self.on_links:
             out[links, columns] += change[j]
         for state, owner in enumerate(self.owners.tolist()):
             out[owner] += self.by_state[j, state] * inner[state]
@@ -223,10 +232,8 @@ class TangentForces:
 
     def inertia(self, j: int, out: Single) -> None:
         """Add h^2 da of unknown masses and of candidates to masses (n, P, K)."""
-        for ends, columns, change in self.candidates:
-            out[ends, columns] += change[j]
-        for i, column, change in self.masses:
-            out[i, column] += change[j]
+        for masses, columns, change in self.on_masses:
+            out[masses, columns] += change[j]
 
 
 def _places(which: Indices, size: int) -> Indices:
@@ -234,6 +241,16 @@ def _places(which: Indices, size: int) -> Indices:
     places = np.full(size, -1)
     places[which] = np.arange(len(which))
     return places
+
+
+def _within(added: Sequence[Added], rows: Indices, columns: Indices) -> list[Added]:
+    """What of it is in rows and columns that have places, there."""
+    inside = []
+    for own_rows, own_columns, change in added:
+        some = np.flatnonzero((rows[own_rows] >= 0) & (columns[own_columns] >= 0))
+        if len(some):
+            inside.append((rows[own_rows[some]], columns[own_columns[some]], change[:, some]))
+    return inside
 
 
 _WIDE = 20  # columns of a matrix from which sparse products may be faster
@@ -304,70 +321,24 @@ def tangents(
     TangentStep
         Sensitivities at the start of a step, and at last at the end; overwritten by the next step.
     """
-    n = len(mechanics.gain)
-    P = len(scale) + len(unit) + (0 if candidates is None else len(candidates.first))
-    forces = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
-    transfer = Transfer.of(mechanics.incidence, mechanics.gain)
-    return march(transfer.stretched(mechanics.system), forces, *units_of_states(scale, step, n, P))
+    return march(TangentForces(mechanics, orbit, step, unit, candidates, inputs=inputs), scale)
 
 
-@dataclass(frozen=True, eq=False)
-class Transfer:
-    """How motion of n masses stretches L links and forces of these act on them.
-
-    Attributes
-    ----------
-    into_links : array of shape (L, n)
-        Elongations by displacements.
-    gain : array of shape (n, L)
-        Accelerations of masses by link forces.
-    by_state : tuple of int and array of shape (L, 1, 1), or None
-        The number of a constant state that stretches links, and their elongations by it.
-    """
-
-    into_links: Single | csr_array
-    gain: Single | csr_array
-    by_state: tuple[int, Single] | None = None
-
-    @classmethod
-    def of(cls, incidence: Floats, gain: Floats) -> Transfer:
-        """From the incidence (n, L) of the links and the gain."""
-        return cls(_matrix(incidence.T), _matrix(gain))
-
-    def stretched(self, system: System) -> Transfer:
-        """The same with the error of the recorded displacement of the base, where it is a state."""
-        if system.base_error is None:
-            return self
-        return replace(self, by_state=(system.base_error, -system.base[:, None, None].astype(np.float32)))
-
-
-def march(transfer: Transfer, forces: TangentForces, state: Single, inner: Single) -> Iterator[TangentStep]:
-    """Carry sensitivities from the nodes on.
-
-    Parameters
-    ----------
-    transfer : Transfer
-        The structure.
-    forces : TangentForces
-        Tangent forces along the steps.
-    state, inner : array of shape (2, n, P, K) and (S, P, K)
-        Sensitivities at the nodes, of masses and of states of links; overwritten.
-
-    Yields
-    ------
-    TangentStep
-        As `tangents` does.
-    """
-    into_links, gain = transfer.into_links, transfer.gain
+def march(forces: TangentForces, scale: Floats) -> Iterator[TangentStep]:
+    """Carry sensitivities from the nodes on, of states in units `scale` (2n + S,); yields as `tangents` does."""
+    into_links, gain, system = forces.into_links, forces.gain, forces.mechanics.system
+    stretched = -system.base[:, None, None].astype(
+        np.float32
+    )  # by the error of the recorded displacement of the base
+    state, inner = forces.at_nodes(scale)
     L, (S, P, K) = into_links.shape[0], inner.shape
     stack, pulls, motion = (np.empty((count, L, P, K), np.float32) for count in (4, 3, 2))
     accelerations, moved = np.empty((3, *state.shape[1:]), np.float32), np.empty_like(state)
     rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
     for start in range(0, 2 * forces.steps, 2):
         product(into_links, state, stack[:2])
-        if transfer.by_state is not None:
-            number, elongations = transfer.by_state
-            stack[0] += elongations * inner[number]
+        if system.base_error is not None:
+            stack[0] += stretched * inner[system.base_error]
         forces(start, stack[:2], inner, pulls[0], rates[0])
         product(gain, pulls[0], accelerations[0])
         forces.inertia(start, accelerations[0])
@@ -392,52 +363,6 @@ def march(transfer: Transfer, forces: TangentForces, state: Single, inner: Singl
         combine(TANGENT_CLOSING, accelerations, moved)
         state += moved
     yield TangentStep(state, inner, None, None)
-
-
-def tangent_forces(
-    mechanics: NumericSystem,
-    orbit: Trajectories,
-    step: Floats,
-    unit: Floats,
-    candidates: CandidateForces | None = None,
-    *,
-    inputs: Inputs,
-) -> TangentForces:
-    """Tangent forces at the ends of the steps and in their middles, in turn.
-
-    Parameters
-    ----------
-    mechanics, orbit, step, unit, candidates, inputs
-        As of `tangents`.
-
-    Returns
-    -------
-    TangentForces
-        The forces.
-    """
-    links, memory = in_turn(orbit.links, orbit.middle_links), in_turn(orbit.memory, orbit.middle_memory)
-    forces = TangentForces(mechanics, links, memory, inputs.accelerations(orbit), step, unit)
-    if candidates is not None:
-        forces.add_candidates(candidates, step)
-    if mechanics.system.shapes is not None:
-        applied = inputs.points
-        if applied is not None:
-            applied = input_along(applied, len(applied) // len(orbit.middle_links))
-        states = in_turn(orbit.states, orbit.middles(step))
-        forces.add_shapes(states, links, memory, applied, step)
-    return forces
-
-
-def units_of_states(scale: Floats, step: Floats, n: int, P: int) -> tuple[Single, Single]:
-    """Sensitivities (2, n, P, K) and (S, P, K) at the nodes: of each state to itself, in its unit."""
-    S, K = len(scale) - 2 * n, len(step)
-    state, inner = np.zeros((2, n, P, K), np.float32), np.zeros((S, P, K), np.float32)
-    for i in range(n):
-        state[0, i, i] = scale[i]
-        state[1, i, n + i] = scale[n + i] * step
-    for i in range(S):
-        inner[i, 2 * n + i] = scale[2 * n + i]
-    return state, inner
 
 
 def _matrix(values: Floats) -> Single | csr_array:
@@ -530,3 +455,175 @@ def shown_tangents(
         for kind, motion in enumerate(of_modes):
             motions[kind][n + row, columns] += (size * motion).astype(np.float32)
     return motions
+
+
+def columns_of_forces(segments: Segments) -> Indices:
+    """The columns of gains, then of delays, of uncertain forces among those of the errors of sensors."""
+    uncertain, sensors = segments.inputs.uncertain, segments.sensors
+    if uncertain is None:
+        return np.empty(0, dtype=int)
+    gains, delays = (numbers[numbers >= 0] for numbers in (uncertain.gains, uncertain.delays))
+    return np.concatenate([sensors.offsets + gains, sensors.offsets + sensors.gains + delays])
+
+
+def changes_of_forces(misfit: Misfit, part: slice) -> CandidateForces | None:
+    """The forces on masses, in some segments, per unit of each error of `columns_of_forces`; None without any."""
+    segments, point = misfit.segments, misfit.point
+    if segments.inputs.uncertain is None:
+        return None
+    uncertain = segments.inputs.uncertain.part(part)
+    force, rate = uncertain.acting(point.gains, point.delays)
+    scaled, late = np.flatnonzero(uncertain.gains >= 0), np.flatnonzero(uncertain.delays >= 0)
+    gains, delays = uncertain.gains[scaled], uncertain.delays[late]
+    units = misfit.scales.theta[len(point.theta) + len(point.offsets) :]
+    per_gain = -force[:, :, scaled] * (units[gains] / point.gains[gains])[:, None]
+    per_delay = rate[:, :, late] * units[len(point.gains) + delays][:, None]
+    changes = np.concatenate([per_gain, per_delay], axis=2)
+    ends = uncertain.ends[np.concatenate([scaled, late])]
+    along = input_along(changes, segments.flow_steps_per_tangent)
+    return CandidateForces(np.full(len(ends), -1), ends, along)
+
+
+def add_errors_of_sensors(jacobian: Floats, misfit: Misfit, root: Floats, part: slice) -> None:
+    """The columns of errors of sensors; the rows of sensors with an unknown gain are scaled by it.
+
+    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing. What masses that uncertain forces move
+    show is in place.
+    """
+    segments, scales, point = misfit.segments, misfit.scales, misfit.point
+    sensors = segments.sensors
+    first, units = jacobian.shape[-1] - 1 - sensors.unknowns, scales.theta[len(point.theta) :]
+    factors, forces = sensors.factors(point.gains), first + columns_of_forces(segments)
+    for channel in sensors.scaled:
+        jacobian[:, :, channel, :first] *= np.float32(factors[channel])
+        jacobian[:, :, channel, forces] *= np.float32(factors[channel])
+    deviations = segments.deviations(scales, part)
+    for channel, number, values in estimated_errors(misfit, part):
+        column = root[:, channel] * (values * units[number] / deviations[channel])
+        jacobian[:, :, channel, first + number] += column.T
+
+
+def errors_by_channel(
+    misfit: Misfit, part: slice, errors: SensorErrors | None
+) -> Iterator[tuple[int, Indices, Single]]:
+    """Of each channel with errors the numbers of these, and what they add to its samples, whitened (k, M, c)."""
+    if errors is None:
+        return
+    (_, whiten), sensors = misfit.weights(part), misfit.segments.sensors
+    factors = sensors.factors(misfit.point.gains)
+    for channel in np.unique(errors.channel).tolist():
+        numbers = np.flatnonzero(errors.channel == channel)
+        factor = factors[channel] if channel in sensors.scaled else 1.0
+        columns = whiten[:, channel, None] * (factor * errors.values[:, numbers, part])
+        yield channel, numbers, np.ascontiguousarray(columns.transpose(2, 0, 1), np.float32)
+
+
+def whitened_jacobian(
+    misfit: Misfit,
+    part: slice,
+    candidates: CandidateForces | None = None,
+    errors: SensorErrors | None = None,
+) -> tuple[Floats, Floats]:
+    """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n + S, P)."""
+    segments, scales = misfit.segments, misfit.scales
+    M, C, K = segments.samples[..., part].shape
+    P = segments.system.dimension + segments.parameters + extra_columns(candidates, errors)
+    width = P - segments.sensors.unknowns
+    moving = width - extra_columns(None, errors)
+    root, whiten = misfit.weights(part)
+    jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
+    jacobian[..., P] = (root * misfit.pulling[..., part]).transpose(2, 0, 1)
+    columns = (moving, (width + columns_of_forces(segments)).tolist())
+    ends = _put_marched(jacobian, misfit, part, whiten, candidates, columns)
+    random = segments.random
+    if random is not None and random.shown is not None:  # by the sensors directly, in segments of one sample
+        for channel, number in np.argwhere(random.shown):
+            row = random.rows[number]
+            unit = np.float32(random.shown[channel, number] * scales.state[row])
+            jacobian[:, 0, channel, row] += whiten[0, channel] * unit
+    add_errors_of_sensors(jacobian, misfit, root, part)
+    for channel, numbers, own in errors_by_channel(misfit, part, errors):
+        jacobian[:, :, channel, moving + numbers] = own
+    ends /= scales.state[:, None]
+    return jacobian.reshape(K, M * C, P + 1), ends
+
+
+def _put_marched(
+    jacobian: NDArray[Any],
+    misfit: Misfit,
+    part: slice,
+    whiten: Single,
+    candidates: CandidateForces | None,
+    columns: tuple[int, list[int]],
+) -> Floats:
+    """Put what sensors show of the sensitivities, step by step; gives those at the ends (k, 2 n + S, P)."""
+    segments, scales = misfit.segments, misfit.scales
+    mechanics, (orbit, step, inputs) = misfit.mechanics, misfit.along_tangents(part)
+    sensors = segments.sensors.at(mechanics)
+    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
+    rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
+    shown = [
+        (
+            kind,
+            sources,
+            _late(sensors, misfit.point, kind),
+            channels,
+            (whiten[:, channels] * rates[kind]).astype(np.float32),
+        )
+        for kind, channels, sources in sensors.by_kind
+    ]
+    forces, changes = candidates and candidates.part(part), changes_of_forces(misfit, part)
+    if changes is not None:
+        forces = changes if forces is None else forces.joined(changes)
+        inputs = inputs.at(misfit.point.gains, misfit.point.delays)
+    steps = tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs=inputs)
+    refine, before = segments.tangent_refine, segments.tangents_before
+    for number, tangent in enumerate(steps):
+        sample, between = divmod(number - before, refine)
+        if tangent.acceleration is None or between:
+            continue
+        motions: Sequence[Single] = tangent.shown()
+        if sensors.shapes is not None:
+            motions = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, scales.theta))
+        for kind, sources, late, places, factors in shown:
+            rows = motions[kind][sources]
+            rows = rows.copy() if late else rows
+            for channel, delay, mass in late:
+                rows[channel] -= (delay * rates[V] * motions[kind + 1][mass]).astype(rows.dtype)
+            whitened = (rows * factors[sample, :, None]).transpose(2, 0, 1)
+            _put(jacobian, (slice(None), sample, places), whitened, columns)
+    ends = np.zeros((len(jacobian), segments.system.dimension, jacobian.shape[-1] - 1))
+    moved = (tangent.state[0], tangent.state[1] * rates[V], tangent.memory)
+    for own, change in zip((slice(0, n), slice(n, 2 * n), slice(2 * n, None)), moved, strict=True):
+        _put(ends, (slice(None), own), change.transpose(2, 0, 1), columns)
+    return ends
+
+
+def _late(sensors: Sensors, point: Iterate, kind: int) -> list[tuple[int, np.floating[Any], int]]:
+    """Of the channels of one kind those that are late: the place among them, the delay in s to first order, and the mass."""
+    if kind >= A or not len(sensors.delay):
+        return []
+    channels = np.flatnonzero(sensors.kind == kind)
+    late = ((place, int(channel)) for place, channel in enumerate(channels) if sensors.delay[channel] >= 0)
+    return [
+        (place, point.delays[sensors.delay[channel]], int(sensors.mass[channel])) for place, channel in late
+    ]
+
+
+def _put(
+    target: NDArray[Any],
+    place: tuple[slice | int | Indices, ...],
+    block: NDArray[Any],
+    columns: tuple[int, list[int]],
+) -> None:
+    """Put a block, of as many columns as come first in the target, and then of single ones there, into a place of it."""
+    first, single = columns
+    target[(*place, slice(first))] = block[..., :first]
+    for number, column in enumerate(single, start=first):
+        target[(*place, column)] = block[..., number]
+
+
+def extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:
+    """Number of columns behind those of the parameters."""
+    of_candidates = 0 if candidates is None else len(candidates.first)
+    return of_candidates + (0 if errors is None else len(errors.channel))

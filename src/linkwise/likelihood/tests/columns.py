@@ -101,12 +101,12 @@ class FittedMotion:
     @cached_property
     def shown(self) -> list[Shown]:
         """What each channel shows."""
-        return shown_motion(self.segments, self.misfit)
+        return shown_motion(self.misfit)
 
     @cached_property
     def filtered(self) -> list[Floats]:
         """(M, K) what a filter of unit size that all sensors share does to each channel."""
-        return filtered_motion(self.segments, self.misfit)
+        return filtered_motion(self.misfit)
 
     @property
     def attenuation(self) -> float:
@@ -392,7 +392,7 @@ def shape_errors(motion: FittedMotion) -> Iterator[Added]:
         yield Added(
             Hypothesis("shape", point, source=mode),
             _by_shape(motion, (point, mode, shape), applied.get(point)),
-            [(k, shape * motion_of(motion.segments, motion.misfit, kind, number)[0]) for k, kind in kinds],
+            [(k, shape * motion_of(motion.misfit, kind, number)[0]) for k, kind in kinds],
         )
 
 

@@ -247,7 +247,7 @@ def in_longer_segments(fit: LikelihoodFit) -> Optimum:
     most = _LINKS * max(1.0, len(optimum.segments.system.incidence) / _AMONG)
     if not left_out < most * optimum.noise**2:
         return optimum
-    return replace(optimum, segments=longer.segments, misfit=misfit)
+    return replace(optimum, misfit=misfit)
 
 
 def blocks_in(longer: Segments, shorter: Segments) -> int:

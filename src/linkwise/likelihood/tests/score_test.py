@@ -33,10 +33,10 @@ from linkwise.likelihood.shooting.linear_model import (
     precise_model,
     tested_in_pieces,
 )
-from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, linearise, whitened_jacobian
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
+from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, linearise
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import A, Segments
-from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents
+from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents, whitened_jacobian
 from linkwise.model.coefficient import MASS, Coefficient
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import BASE, GROUND, Link
@@ -319,15 +319,14 @@ def augmented_quadratic(
     The model of the optimum alone is in `blocks` of segments where these are several. Nodes, and the offsets and gains that
     are estimated with the parameters, are eliminated. Raises numpy.linalg.LinAlgError where the equations are singular.
     """
-    segments, misfit, scales = optimum.segments, optimum.misfit, optimum.scales
-    at = (segments, misfit, scales, optimum.loss, optimum.q)
+    segments, misfit, q = optimum.segments, optimum.misfit, optimum.q
     if optimum.coloured is None and is_long(segments):
-        factor = tested_in_pieces(*at, candidates, errors)
+        factor = tested_in_pieces(misfit, q, candidates, errors)
         if factor is not None:
             return Quadratic(factor.schur, factor.reduced)
     linear = optimum.linear(candidates, errors, blocks)
     parameters = segments.system.parameters.size
-    linear, border = precise_model(linear, optimum.q, own=parameters)
+    linear, border = precise_model(linear, q, own=parameters)
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     own = parameters + len(candidates.first) + (0 if errors is None else len(errors.channel))
@@ -339,11 +338,11 @@ def augmented_quadratic(
         model = FactoredModel(linear, border)
     scores = None
     if optimum.coloured is not None:
-        rows = eliminated_rows(*at, candidates, errors)
+        rows = eliminated_rows(misfit, q, candidates, errors)
         assert rows is not None  # the same equations have a factor
         scores = optimum.coloured.score_covariance(rows, segments.linked, len(segments.samples))
         if segments.prior is not None:
-            add_prior_curvature(scores, segments.prior, scales, parameters)
+            add_prior_curvature(scores, segments.prior, optimum.scales, parameters)
     of_sensors = np.arange(own, len(schur))  # offsets and gains follow
     return Quadratic(schur, reduced, scores, model).without(of_sensors)
 
@@ -576,23 +575,24 @@ def determinant_slopes(
     # parts do not stand for the whole: log det with a term changes with the size of the motion
     whole, slopes = _without_unknowns(optimum), np.zeros(len(candidates))
     sample = float(np.min(whole.segments.step)) * whole.segments.refine
-    whole = replace(whole, segments=replace(whole.segments, system=system_with(identified, masses, sample)))
+    segments = replace(whole.segments, system=system_with(identified, masses, sample))
+    whole = replace(whole, misfit=replace(whole.misfit, segments=segments))
     forces = {k: one for k, (one, _) in enumerate(candidates) if isinstance(one, CandidateForce)}
     slopes[list(forces)] = _slopes_by_forces(whole, list(forces.values()))
     still = np.nan if len(forces) == len(candidates) else _log_determinant(whole)
     for number, (candidate, deviation) in enumerate(candidates):
         if isinstance(candidate, CandidateForce):
             continue
-        size, at = _STEP * deviation, whole
+        size = _STEP * deviation
         if candidate.kind == MASS:
             size = min(size, _LARGEST_STEP)
             heavier = system_with(_with_heavier(identified, candidate.where, 1.0 + size), masses, sample)
-            at = replace(whole, segments=replace(whole.segments, system=heavier))
+            misfit = replace(whole.misfit, segments=replace(whole.segments, system=heavier))
         else:
             sigma = whole.scales.sigma.copy()
             sigma[channels.index(candidate.where)] /= 1.0 + size
-            at = replace(whole, scales=replace(whole.scales, sigma=sigma))
-        slopes[number] = -0.5 * (_log_determinant(at) - still) / size
+            misfit = replace(whole.misfit, scales=replace(whole.scales, sigma=sigma))
+        slopes[number] = -0.5 * (_log_determinant(replace(whole, misfit=misfit)) - still) / size
     return np.nan_to_num(slopes)
 
 
@@ -602,7 +602,7 @@ def _slopes_by_forces(optimum: Optimum, forces: Sequence[CandidateForce]) -> Flo
     A force changes H by its own derivatives along each segment, of which `_pulls` are the weights; the motion is held.
     """
     segments, system = optimum.segments, optimum.segments.system.at(optimum.point.theta)
-    misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
+    misfit = optimum.misfit.at(optimum.point)
     motion = _with_points(states_along(segments, misfit), system.points)
     every, slopes = segments.flow_steps_per_tangent, np.zeros(len(forces))
     along = {name: input_along(values, every) for name, values in segments.inputs.signals.items()}
@@ -639,8 +639,8 @@ def _pulls(optimum: Optimum, misfit: Misfit) -> Iterator[Floats]:
 
     With the flow F from a node to there and A to the end of the segment, a change E adds A F^-1 E F times its duration to A.
     """
-    segments, loss, every = optimum.segments, optimum.loss, slice(0, optimum.segments.count)
-    linear = linearise(segments, misfit, optimum.scales, loss)
+    segments, every = optimum.segments, slice(0, optimum.segments.count)
+    linear = linearise(misfit)
     factor = linear.equations(optimum.q).factor()
     if factor is None:
         return
@@ -649,7 +649,7 @@ def _pulls(optimum: Optimum, misfit: Misfit) -> Iterator[Floats]:
     turned -= couplings.transpose(0, 2, 1) * linear.joined[:, None]
     by_ends = np.zeros_like(inverse)
     by_ends[:-1] = turned @ linear.state_ends / optimum.q**2
-    rows = whitened_jacobian(segments, misfit, optimum.scales, loss, every)[0][:, :, :m].astype(float)
+    rows = whitened_jacobian(misfit, every)[0][:, :, :m].astype(float)
     shown = inverse @ rows.transpose(0, 2, 1)
     step, sample = segments.step * segments.flow_steps_per_tangent, 2 * segments.tangents_before
     last = 2 * (segments.steps // segments.flow_steps_per_tangent)
@@ -666,7 +666,7 @@ def _pulls(optimum: Optimum, misfit: Misfit) -> Iterator[Floats]:
 def _add_accelerometers(pull: Floats, optimum: Optimum, misfit: Misfit, shown: Floats) -> None:
     """What accelerometers, whose part of the inverse is `shown` (K, m, C), add to the derivative at a sample."""
     segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
-    roots = misfit.roots(segments, optimum.loss, slice(None))[0] / segments.deviations(scales, slice(None))
+    roots = misfit.weights(slice(None))[0][0] / segments.deviations(scales)
     factors = segments.sensors.factors(misfit.point.gains)
     for channel in np.flatnonzero(segments.sensors.kind == A).tolist():
         row = n + int(segments.sensors.mass[channel])
@@ -709,15 +709,15 @@ def _without_unknowns(optimum: Optimum) -> Optimum:
     """The optimum with parameters that are numbers."""
     segments, p = optimum.segments, len(optimum.point.theta)
     assert segments.random is not None
-    return replace(
-        optimum,
+    misfit = replace(
+        optimum.misfit,
         segments=replace(segments, prior=None, random=replace(segments.random, slope=None, origin=None)),
-        misfit=replace(optimum.misfit, point=replace(optimum.point, theta=np.zeros(0))),
+        point=replace(optimum.point, theta=np.zeros(0)),
         scales=replace(optimum.scales, theta=optimum.scales.theta[p:]),
     )
+    return replace(optimum, misfit=misfit)
 
 
 def _log_determinant(optimum: Optimum) -> float:
-    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-    factor = linearise(optimum.segments, misfit, optimum.scales, optimum.loss).equations(optimum.q).factor()
+    factor = linearise(optimum.misfit.at(optimum.point)).equations(optimum.q).factor()
     return float("nan") if factor is None else factor.root.log_determinant

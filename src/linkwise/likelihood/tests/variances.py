@@ -44,11 +44,16 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor
-from linkwise.likelihood.shooting.loss import Gaussian
-from linkwise.likelihood.shooting.neighbourhoods import MANY
-from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
+from linkwise.likelihood.shooting.normal_equations import (
+    BorderedFactor,
+    Linearization,
+    chunks,
+    linearise,
+)
+from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.shooting.system import MANY
+from linkwise.likelihood.shooting.tangents import whitened_jacobian
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE
 from linkwise.records.channel_units import unit_in
@@ -429,8 +434,8 @@ def _beginning(optimum: Optimum) -> Optimum:
     """The optimum in the beginning of a long record, whose residuals tell the noise of inputs well enough."""
     if optimum.segments.count <= _ENOUGH or optimum.misfit.clipped is not None:
         return optimum
-    segments, misfit = optimum.segments.chosen(np.arange(_ENOUGH)), optimum.misfit.part(slice(0, _ENOUGH))
-    return replace(optimum, segments=segments, misfit=misfit)
+    segments = optimum.segments.chosen(np.arange(_ENOUGH))
+    return replace(optimum, misfit=optimum.misfit.part(slice(0, _ENOUGH), segments))
 
 
 def free_of_bounds(fit: LikelihoodFit) -> Bools:
@@ -489,7 +494,7 @@ class DrawnEquations:
         None where they are singular.
         """
         if linear is None:
-            linear = linearise(optimum.segments, optimum.misfit, optimum.scales, optimum.loss)
+            linear = linearise(optimum.misfit)
         factor = linear.equations(q).factor()
         return None if factor is None else cls(optimum, linear, factor, free_of_bounds(fit), q)
 
@@ -498,7 +503,7 @@ class DrawnEquations:
         optimum, segments = self.optimum, self.optimum.segments
         wide = at_once(segments.count, segments.samples[..., 0].size * width)
         for part in min(chunks(segments, len(self.free)), wide, key=lambda parts: parts[0].stop):
-            rows, _ = whitened_jacobian(segments, optimum.misfit, optimum.scales, optimum.loss, part)
+            rows, _ = whitened_jacobian(optimum.misfit, part)
             yield part, rows.astype(float)
 
     def pulls(self, width: int, noise: Callable[[slice, Floats], Floats]) -> tuple[Floats, Floats]:
