@@ -122,8 +122,6 @@ class RunSchedule:
     def pieces(self) -> Floats:
         """Parameters (S - 1, w) of the sampled inputs between stops, in the order of `ParameterLayout.inputs`."""
         columns = [np.empty((len(self.stops) - 1, 0))]
-        if not self._sampled:
-            return columns[0]
         middle = 0.5 * (self.stops[1:] + self.stops[:-1])
         for drive in self._sampled:
             edges, coefficients = drive.pieces

@@ -16,12 +16,13 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache, cached_property, lru_cache
 from math import prod
 from pkgutil import resolve_name
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -536,14 +537,11 @@ _HOME = "linkwise.simulation.integrator"
 
 
 @cache
-def _kind() -> Callable[[SystemShape], CompiledSystem]:
-    """The class of systems that is available."""
-    kind: Callable[[SystemShape], CompiledSystem]
-    try:
-        kind = resolve_name(f"{_HOME}.taylor:HeyokaSystem")
-    except ImportError:  # no heyoka, or one whose libraries are not there
-        kind = resolve_name(f"{_HOME}.dop853:ScipySystem")
-    return kind
+def _of_heyoka(name: str) -> Callable[[SystemShape], Any] | None:
+    """A class of `taylor`; None where there is no heyoka, or one whose libraries are not there."""
+    with suppress(ImportError):
+        return cast(Callable[[SystemShape], Any], resolve_name(f"{_HOME}.taylor:{name}"))
+    return None
 
 
 def compiled_system(shape: SystemShape) -> CompiledSystem:
@@ -554,13 +552,11 @@ def compiled_system(shape: SystemShape) -> CompiledSystem:
 @lru_cache(maxsize=128)
 def system_of_thread(shape: SystemShape, thread: Hashable) -> CompiledSystem:
     """The compiled equations of a shape for one thread."""
-    return _kind()(shape)
+    kind = _of_heyoka("HeyokaSystem") or resolve_name(f"{_HOME}.dop853:ScipySystem")
+    return cast(CompiledSystem, kind(shape))
 
 
 def phase_integrator(shape: SystemShape) -> PhaseIntegrator | None:
     """The equations of a shape without kinks over phase; None where heyoka, which integrates them, is missing."""
-    try:
-        kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.taylor:HeyokaPhase")
-    except ImportError:
-        return None
-    return kind(shape)
+    kind = _of_heyoka("HeyokaPhase")
+    return kind and kind(shape)
