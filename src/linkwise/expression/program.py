@@ -317,6 +317,9 @@ def _from_zero(program: Program, upper: Floats, parameters: Floats) -> Floats:
 
 def _zeros(program: Program, grid: Floats, parameters: Floats) -> Floats:
     """Zeros of the kinks between points of the grid."""
-    kinks = range(1, len(program(0.0, *parameters)))
-    zeros = (sign_changes(lambda d, kink=kink: program(d, *parameters)[kink], grid) for kink in kinks)
-    return np.concatenate([np.empty(0), *zeros])
+
+    def kink(number: int) -> Callable[[Floats], Floats]:
+        return lambda d: program(d, *parameters)[number]
+
+    numbers = range(1, len(program(0.0, *parameters)))
+    return np.concatenate([np.empty(0), *(sign_changes(kink(number), grid) for number in numbers)])

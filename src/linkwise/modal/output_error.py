@@ -211,9 +211,10 @@ def _searched(problem: _OutputError, theta: Floats, progress: Progress) -> tuple
     for number in range(_ROUNDS):
         between = ", damping between them" if problem.pairs else ""
         progress(ProgressReport(number / _ROUNDS, f"all {problem.modes} modes{between}"))
-        sums = partial(problem.equations, noise=noise), partial(problem.cost, noise=noise)
-        how = {"steps": _STEPS, "least_gain": _CONVERGED}
-        theta, converged = least_squares(theta, *sums, problem.within, **how)
+        equations, cost = partial(problem.equations, noise=noise), partial(problem.cost, noise=noise)
+        theta, converged = least_squares(
+            theta, equations, cost, problem.within, steps=_STEPS, least_gain=_CONVERGED
+        )
         noise = problem.levels(theta)
     return theta, noise, converged
 

@@ -101,10 +101,6 @@ class HostMode:
             numbers = {point: float(value) for point, value in getattr(self, name).items()}
             object.__setattr__(self, name, MappingProxyType(numbers))
 
-    def __reduce__(self) -> tuple[type[HostMode], tuple[object, ...]]:
-        shape, sigma = dict(self.shape), dict(self.shape_sigma)
-        return HostMode, (self.frequency, self.damping, shape, sigma, self.rotations)
-
     def shape_value(self, point: str) -> Coefficient:
         """The shape at a point, known or known to within.
 
@@ -293,9 +289,6 @@ class Host:
     modes: tuple[HostMode, ...]
     notes: tuple[str, ...] = field(default=(), compare=False)
     damping: Mapping[Pair, Coefficient | float] = field(default_factory=dict, hash=False)
-
-    def __reduce__(self) -> tuple[type[Host], tuple[object, ...]]:
-        return Host, (self.name, self.modes, self.notes, dict(self.damping))
 
     def __post_init__(self) -> None:
         check_name(self.name, "host")

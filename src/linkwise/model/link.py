@@ -192,9 +192,6 @@ class Link:
         memory = f", {rates!r}" if rates else ""
         return f"Link({self.name!r}, {self.between!r}, {self.law.text!r}, {coefficients!r}{memory})"
 
-    def __reduce__(self) -> tuple[type[Link], tuple[object, ...]]:
-        return Link, (self.name, self.between, self.law, dict(self.coefficients))
-
     @property
     def states(self) -> dict[str, LinkState]:
         """The states of a link with memory, by name."""

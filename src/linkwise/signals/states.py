@@ -138,19 +138,19 @@ def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None
     best = np.full(values.shape[1], np.inf)
     coefficients, chosen = np.zeros((len(values) + 4, values.shape[1])), np.zeros(values.shape[1])
     right = _transposed(values, _VALUE)
-    for weight in weights:
+    for weight in weights.tolist():
         solved = _solver(weight, len(values))(right)
         rest = len(values) - _trace(weight, len(values))
         score = np.sum((values - _stencil(solved, _VALUE)) ** 2, axis=0) / rest**2
         better = score < best
         best[better], chosen[better] = score[better], weight
         coefficients[:, better] = solved[:, better]
-    for weight in np.unique(chosen):
+    for weight in np.unique(chosen).tolist():
         which, solve = chosen == weight, _solver(weight, len(values))
         for _ in range(2):  # iterative refinement, for the digits that a strong penalty costs
-            rest = _transposed(values[:, which] - _stencil(coefficients[:, which], _VALUE), _VALUE)
-            rest -= weight * _transposed(_stencil(coefficients[:, which], _DIFFERENCES), _DIFFERENCES)
-            coefficients[:, which] += solve(rest)
+            left = _transposed(values[:, which] - _stencil(coefficients[:, which], _VALUE), _VALUE)
+            left -= weight * _transposed(_stencil(coefficients[:, which], _DIFFERENCES), _DIFFERENCES)
+            coefficients[:, which] += solve(left)
     return SmoothingSpline(coefficients, rate, chosen)
 
 
