@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, sign_changes
 from linkwise.errors import StructureError, expect, located
 from linkwise.expression import differentiate, symbols
 from linkwise.model.link import Link
@@ -26,7 +26,6 @@ _PER_DECADE = 64  # grid points per decade; extrema between them are found by th
 _DECADES = (-12, 6)  # elongations in m, as powers of ten
 _LINEAR = 1024  # evenly spaced grid points in a given range
 _MOST_ZEROS = 64  # with more zeros and no range the law counts as periodic
-_BISECTIONS = 200  # at most; bisection stops when the ends are neighbouring floating-point numbers
 
 
 @dataclass(frozen=True)
@@ -131,21 +130,18 @@ def rest_points(
     # laws may overflow or leave their domain at large d; such points are dropped
     with np.errstate(all="ignore"):
         grid = _grid(lo, hi)
-        grid = np.unique(np.concatenate([grid, _crossings(slope, grid)]))
+        grid = np.unique(np.concatenate([grid, sign_changes(slope, grid)]))
         values = force(grid)
         finite = np.isfinite(values)
         grid, signs = grid[finite], np.sign(values[finite])
         filled = np.flatnonzero(signs)
         left, right = filled[:-1], filled[1:]
-        touching = (right - left == 1) & (signs[left] != signs[right])
-        crossed = _bisect(force, grid[left[touching]], grid[right[touching]])
-        flat = right - left > 1
-        middles = 0.5 * (grid[left[flat] + 1] + grid[right[flat] - 1])
-        places = np.concatenate([crossed, middles])
-        below = signs[left] < 0
-        rising = np.concatenate([below[touching], below[flat] & (signs[right[flat]] > 0)])
+        around = (right - left > 1) | (signs[left] != signs[right])
+        left, right = left[around], right[around]
+        places = 0.5 * (grid[left + 1] + grid[right - 1])  # of a stretch of zeros
+        places[right - left == 1] = sign_changes(force, grid)
+        rising = (signs[left] < 0) & (signs[right] > 0)
         limits = np.maximum(np.abs(force(grid[left])), np.abs(force(grid[right])))
-        limits = np.concatenate([limits[touching], limits[flat]])
         is_zero = np.abs(force(places)) <= 10.0 * limits  # at a pole the force grows without end instead
         ends = [(0, 1), (-1, -2)] if grid.size > 1 else []
         # isolated zeros exactly on the first or last grid point
@@ -180,30 +176,6 @@ def _grid(lo: float | None, hi: float | None) -> Floats:
     inner = grid[(grid >= low) & (grid <= high)]
     across = np.empty(0) if lo is None or hi is None else np.linspace(low, high, _LINEAR)
     return np.unique(np.concatenate([inner, across, [low, high]]))
-
-
-def _crossings(function: Function, grid: Floats) -> Floats:
-    """Zeros of `function` between neighbouring grid points of opposite sign."""
-    values = function(grid)
-    signs = np.sign(np.where(np.isfinite(values), values, 0.0))
-    before = np.flatnonzero(signs[:-1] * signs[1:] < 0)
-    return _bisect(function, grid[before], grid[before + 1])
-
-
-def _bisect(function: Function, left: Floats, right: Floats) -> Floats:
-    """Sign changes of `function` between `left` and `right` (same shapes), to floating-point resolution."""
-    left, right = left.copy(), right.copy()
-    left_sign = np.sign(function(left))
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (left + right)
-        if np.all((middle == left) | (middle == right)):
-            break
-        sign = np.sign(function(middle))
-        same_sign = sign == left_sign
-        left = np.where(same_sign | (sign == 0), middle, left)
-        right = np.where(same_sign, right, middle)
-    better = np.abs(function(right)) < np.abs(function(left))
-    return np.where(better, right, left)
 
 
 _DAMPER = "damper only"

@@ -7,7 +7,7 @@ from every product of rest points. The base is at zero.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, islice, pairwise, product
 from math import prod
@@ -168,16 +168,15 @@ def equilibria(
     require_rest_at_zero(structure.links, "equilibria and modes")
     if limit < 1:
         raise StructureError(f"limit must be at least 1, got {limit}")
-    bonds = _bonds(structure)
-    incidence = _incidence(bonds, structure.size)
+    network = _Network.of(structure)
     if start is not None:
         starts = np.atleast_2d(np.asarray(start, dtype=float))
         if starts.ndim != 2 or starts.shape[1] != structure.size or not np.isfinite(starts).all():
             message = f"`start` must have {structure.size} finite displacements in m, one for each mass"
             raise StructureError(message)
         size, note = float(np.abs(starts).max()), "searched from the given start points only"
-        return _from_starts(bonds, incidence, starts, size, note)
-    rests = _rests(bonds, reach)
+        return _from_starts(network, starts, size, note)
+    rests = _rests(network.bonds, reach)
     count = prod(len(rest) or 1 for rest in rests)
     many = str(count) if count < 10**6 else f"1e{len(str(count)) - 1}"
     used = f"only {limit} of {many} combinations of rest points were used, wells first"
@@ -185,49 +184,68 @@ def equilibria(
     choices = list(islice(_wells_first(rests), limit))
     places = np.array([[point.d if point else 0.0 for point in choice] for choice in choices])
     places = places.reshape(len(choices), -1)
-    if bonds and _free(bonds, structure.size) == structure.size - len(bonds):
-        return _of_tree(bonds, incidence, rests, choices, places, cut)
-    weights = _weights(bonds, rests)
-    starts = np.linalg.lstsq(weights[:, None] * incidence.T, weights[:, None] * places.T, rcond=None)[0].T
+    if rests and network.free == structure.size - len(rests):
+        return _of_tree(network, rests, choices, places, cut)
+    weights = _weights(rests)[:, None]
+    starts = np.linalg.lstsq(weights * network.incidence.T, weights * places.T, rcond=None)[0].T
     searched = (
         f"the links form a cycle, so Newton's method searched from {len(starts)} combinations of rest points"
     )
     note = "; ".join(filter(None, [searched, cut]))
-    return _from_starts(bonds, incidence, starts, float(np.abs(places).max(initial=0.0)), note)
+    return _from_starts(network, starts, float(np.abs(places).max(initial=0.0)), note)
 
 
-def _bonds(structure: Structure) -> list[_Bond]:
-    """Links by what stretches them; ground and base are one support. Links without elastic force are left out."""
-    members: dict[Weights, list[tuple[Link, float]]] = {}
-    probe = np.concatenate([-np.logspace(-9, 3, 49), [0.0], np.logspace(-9, 3, 49)])
-    for link, column in zip(structure.links, structure.topology.columns, strict=True):
-        weights = tuple(sorted(column))
-        turned = tuple((mass, -part) for mass, part in weights)
-        with np.errstate(all="ignore"):
-            elastic = bool(np.any(link.force(probe, states=link.zero_states) != 0.0))
-        if elastic:
-            own, sign = (turned, -1.0) if turned in members else (weights, 1.0)
-            members.setdefault(own, []).append((link, sign))
-    return [_Bond(weights, tuple(links)) for weights, links in members.items()]
+@dataclass(frozen=True, eq=False)
+class _Network:
+    """The bonds of a structure, and how much masses and modes have part in their elongations, (n, bonds)."""
 
+    bonds: Sequence[_Bond]
+    incidence: Floats
 
-def _incidence(bonds: Sequence[_Bond], size: int) -> Floats:
-    """Incidence (n, bonds) of the bonds."""
-    incidence = np.zeros((size, len(bonds)))
-    for column, bond in enumerate(bonds):
-        for mass, part in bond.weights:
-            incidence[mass, column] = part
-    return incidence
+    @classmethod
+    def of(cls, structure: Structure) -> _Network:
+        """Links by what stretches them; ground and base are one support. Links without elastic force are left out."""
+        members: dict[Weights, list[tuple[Link, float]]] = {}
+        probe = np.concatenate([-np.logspace(-9, 3, 49), [0.0], np.logspace(-9, 3, 49)])
+        for link, column in zip(structure.links, structure.topology.columns, strict=True):
+            weights = tuple(sorted(column))
+            turned = tuple((mass, -part) for mass, part in weights)
+            with np.errstate(all="ignore"):
+                elastic = bool(np.any(link.force(probe, states=link.zero_states) != 0.0))
+            if elastic:
+                own, sign = (turned, -1.0) if turned in members else (weights, 1.0)
+                members.setdefault(own, []).append((link, sign))
+        incidence = np.zeros((structure.size, len(members)))
+        for bond, weights in enumerate(members):
+            for mass, part in weights:
+                incidence[mass, bond] = part
+        return cls([_Bond(weights, tuple(links)) for weights, links in members.items()], incidence)
 
+    @property
+    def free(self) -> int:
+        """Number of groups of masses that are connected to each other but not to the ground; each has a rigid-body motion."""
+        ground = len(self.incidence)
+        masses = [[mass for mass, _ in bond.weights] for bond in self.bonds]
+        chains = [[ground, *own] if len(own) == 1 else own for own in masses]
+        joined = [pair for chain in chains for pair in pairwise(chain)]
+        first, second = ([pair[end] for pair in joined] for end in (0, 1))
+        graph = csr_array((np.ones(len(joined)), (first, second)), shape=(ground + 1, ground + 1))
+        return int(connected_components(graph, directed=False)[0]) - 1
 
-def _free(bonds: Sequence[_Bond], size: int) -> int:
-    """Number of groups of masses that are connected to each other but not to the ground; each has a rigid-body motion."""
-    masses = [[mass for mass, _ in bond.weights] for bond in bonds]
-    chains = [[size, *own] if len(own) == 1 else own for own in masses]
-    joined = [pair for chain in chains for pair in pairwise(chain)]
-    first, second = ([pair[end] for pair in joined] for end in (0, 1))
-    graph = csr_array((np.ones(len(joined)), (first, second)), shape=(size + 1, size + 1))
-    return int(connected_components(graph, directed=False)[0]) - 1
+    def each(self, quantity: Callable[[_Bond, Floats], Floats], x: Floats) -> Floats:
+        """(S, bonds) a quantity of every bond at displacements (S, n) in m."""
+        d = x @ self.incidence
+        for column, bond in enumerate(self.bonds):
+            d[:, column] = quantity(bond, d[:, column])
+        return d
+
+    def residual(self, x: Floats) -> Floats:
+        """Force (S, n) in N of the links on each mass, with reversed sign."""
+        return self.each(_Bond.force, x) @ self.incidence.T
+
+    def stiffness(self, x: Floats) -> Floats:
+        """Tangent stiffness (S, n, n) in N/m."""
+        return (self.incidence * self.each(_Bond.slope, x)[:, None]) @ self.incidence.T
 
 
 def _rests(bonds: Sequence[_Bond], reach: tuple[float, float] | None) -> list[tuple[RestPoint, ...]]:
@@ -255,7 +273,7 @@ def _wells_first(rests: Sequence[tuple[RestPoint, ...]]) -> Iterator[tuple[RestP
             yield from product(*(points or (None,) for points in allowed))
 
 
-def _weights(bonds: Sequence[_Bond], rests: Sequence[tuple[RestPoint, ...]]) -> Floats:
+def _weights(rests: Sequence[tuple[RestPoint, ...]]) -> Floats:
     """Weight (bonds,) of the rest point of each bond against the others: the root of its stiffness there."""
     stiffest = [max((abs(point.stiffness) for point in rest), default=0.0) for rest in rests]
     largest = max(stiffest, default=0.0) or 1.0
@@ -263,22 +281,21 @@ def _weights(bonds: Sequence[_Bond], rests: Sequence[tuple[RestPoint, ...]]) -> 
 
 
 def _of_tree(
-    bonds: Sequence[_Bond],
-    incidence: Floats,
+    network: _Network,
     rests: Sequence[tuple[RestPoint, ...]],
     choices: Sequence[tuple[RestPoint | None, ...]],
     places: Floats,
     cut: str,
 ) -> Equilibria:
     """The products of rest points. By Sylvester's law of inertia B diag(k) B' has as many negative eigenvalues as k."""
-    restless = [bond.links[0][0].name for bond, rest in zip(bonds, rests, strict=True) if not rest]
+    restless = [bond.links[0][0].name for bond, rest in zip(network.bonds, rests, strict=True) if not rest]
     if restless:
         note = f'there is no equilibrium: the force of link "{restless[0]}" vanishes nowhere'
         return Equilibria((), True, note)
-    free = incidence.shape[0] - len(bonds)
-    spread = np.linalg.pinv(incidence.T) if free else np.linalg.inv(incidence.T)
+    free = len(network.incidence) - len(rests)
+    spread = np.linalg.pinv(network.incidence.T) if free else np.linalg.inv(network.incidence.T)
     x = places @ spread.T
-    energy = np.sum([bond.potential(places[:, column]) for column, bond in enumerate(bonds)], axis=0)
+    energy = network.each(_Bond.potential, x).sum(axis=1)
     points = []
     for row, choice in enumerate(choices):
         k = np.array([point.stiffness for point in choice if point])
@@ -288,14 +305,11 @@ def _of_tree(
     return Equilibria(_sorted(points), not cut, "; ".join(filter(None, [cut, _floating(free)])))
 
 
-def _from_starts(
-    bonds: Sequence[_Bond], incidence: Floats, starts: Floats, size: float, note: str
-) -> Equilibria:
+def _from_starts(network: _Network, starts: Floats, size: float, note: str) -> Equilibria:
     """Newton's method from every row of `starts`; `size` in m is the scale of displacements."""
-    n = incidence.shape[0]
-    chunk = max(1, _ELEMENTS // n**2)
+    chunk = max(1, _ELEMENTS // len(network.incidence) ** 2)
     chunks = (starts[first : first + chunk] for first in range(0, len(starts), chunk))
-    ends, converged = zip(*(_newton(bonds, incidence, chunk, size) for chunk in chunks), strict=True)
+    ends, converged = zip(*(_newton(network, chunk, size) for chunk in chunks), strict=True)
     x, done = np.concatenate(ends), np.concatenate(converged)
     size = max(size, float(np.abs(x[done]).max(initial=0.0)))
     distinct: list[Floats] = []
@@ -304,26 +318,23 @@ def _from_starts(
             distinct.append(candidate)
     points = []
     for place in distinct:
-        stiffness = _stiffness(bonds, incidence, place[None])[0]
-        values = np.linalg.eigvalsh(stiffness)
+        values = np.linalg.eigvalsh(network.stiffness(place[None])[0])
         threshold = _NEUTRAL * np.abs(values).max()
-        d = place @ incidence
-        energy = sum(float(bond.potential(d[column])) for column, bond in enumerate(bonds))
+        energy = float(network.each(_Bond.potential, place[None]).sum())
         stable, neutral = bool(np.all(values >= -threshold)), int(np.sum(np.abs(values) <= threshold))
         points.append(Equilibrium(place, stable, energy, neutral))
     failed = f"{int(np.sum(~done))} of {len(done)} searches did not converge" if not done.all() else ""
-    free = _free(bonds, n)
-    return Equilibria(_sorted(points), False, "; ".join(filter(None, [note, failed, _floating(free)])))
+    notes = "; ".join(filter(None, [note, failed, _floating(network.free)]))
+    return Equilibria(_sorted(points), False, notes)
 
 
-def _newton(bonds: Sequence[_Bond], incidence: Floats, x: Floats, size: float) -> tuple[Floats, Bools]:
+def _newton(network: _Network, x: Floats, size: float) -> tuple[Floats, Bools]:
     """End (S, n) of each search, and whether (S,) forces balance there. Steps are halved until the residual decreases."""
     x = x.copy()
     done = np.zeros(len(x), dtype=bool)
     active = np.arange(len(x))
     for _ in range(_STEPS):
-        residual = _residual(bonds, incidence, x[active])
-        stiffness = _stiffness(bonds, incidence, x[active])
+        residual, stiffness = network.residual(x[active]), network.stiffness(x[active])
         largest, widest = np.abs(stiffness).max(axis=(1, 2)), np.maximum(size, np.abs(x[active]).max(axis=1))
         balanced = np.abs(residual).max(axis=1) <= _AT_REST * largest * widest
         done[active[balanced]] = True
@@ -336,27 +347,13 @@ def _newton(bonds: Sequence[_Bond], incidence: Floats, x: Floats, size: float) -
         scale = np.ones(len(active))
         for _ in range(_HALVINGS):
             with np.errstate(all="ignore"):  # a step that overflows is halved
-                tried = np.linalg.norm(_residual(bonds, incidence, x[active] + scale[:, None] * step), axis=1)
+                tried = np.linalg.norm(network.residual(x[active] + scale[:, None] * step), axis=1)
             worse = ~(tried < norm)
             if not worse.any():
                 break
             scale[worse] *= 0.5
         x[active] += scale[:, None] * step
     return x, done
-
-
-def _residual(bonds: Sequence[_Bond], incidence: Floats, x: Floats) -> Floats:
-    """Force (S, n) in N of the links on each mass, with reversed sign."""
-    d = x @ incidence
-    forces = np.stack([bond.force(d[:, column]) for column, bond in enumerate(bonds)], axis=1) if bonds else d
-    return forces @ incidence.T
-
-
-def _stiffness(bonds: Sequence[_Bond], incidence: Floats, x: Floats) -> Floats:
-    """Tangent stiffness (S, n, n) in N/m."""
-    d = x @ incidence
-    slopes = np.stack([bond.slope(d[:, column]) for column, bond in enumerate(bonds)], axis=1) if bonds else d
-    return (incidence[None] * slopes[:, None, :]) @ incidence.T
 
 
 def _sorted(points: Sequence[Equilibrium]) -> tuple[Equilibrium, ...]:

@@ -27,8 +27,7 @@ from linkwise.files.table import Table
 from linkwise.inspection.relations import driven_mass
 from linkwise.model.chains import link_table
 from linkwise.model.coefficient import quoted
-from linkwise.model.link import GROUND
-from linkwise.model.rotations import mass_in_si
+from linkwise.model.link import GROUND, mass_in_si
 from linkwise.output import RESULT, atomic_file, check_result_folder
 from linkwise.records.channel import BASE, KINDS, Channel
 from linkwise.registry import lazy_module

@@ -28,10 +28,9 @@ from linkwise.likelihood.options import AskedFor, AskedKeywords
 from linkwise.likelihood.terms import Stated
 from linkwise.likelihood.tests.score_test import CandidateForce
 from linkwise.model.coefficient import Coefficient, check_unique
-from linkwise.model.host import Host
+from linkwise.model.host import Host, rotations_of
 from linkwise.model.law import Law
-from linkwise.model.link import BASE, GROUND, Link, Mass, refuse_memory
-from linkwise.model.rotations import differ_in_unit, mass_in_si, rotations_of
+from linkwise.model.link import BASE, GROUND, Link, Mass, differ_in_unit, mass_in_si, refuse_memory
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import PartialStructure
 from linkwise.records.joining import check_distinct, check_stated_noise

@@ -102,11 +102,7 @@ def polynomial(expression: Expression, names: tuple[str, ...]) -> dict[tuple[int
                 result = _times(result, polynomial(factor, names))
             return result
         case Power(base, int() as exponent) if 0 < exponent <= _LARGEST_EXPANSION:
-            terms = polynomial(base, names)
-            if terms is not None and len(terms) == 1:
-                ((key, value),) = terms.items()
-                return {tuple(exponent * degree for degree in key): power(value, exponent)}
-            result = terms
+            result = terms = polynomial(base, names)
             for _ in range(exponent - 1):
                 result = _times(result, terms)
             return result

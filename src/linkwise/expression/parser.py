@@ -107,9 +107,8 @@ class _Parser:
         found = (_Token(match.lastgroup or "end", match[0], match.start()) for match in _TOKEN.finditer(text))
         self.tokens = list(found)
         self.last, self.next = _Token("", "", 0), self.tokens.pop(0)
-        self.open: list[
-            tuple[int, bool]
-        ] = []  # positions of open parentheses, and whether each is that of a call
+        # positions of open parentheses, and whether each is that of a call
+        self.open: list[tuple[int, bool]] = []
         self.positions: list[tuple[Expression, int]] = []
 
     def error(self, reason: str, position: int, advice: str) -> LawError:

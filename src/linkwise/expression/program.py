@@ -10,7 +10,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, sign_changes
 from linkwise.expression.tree import (
     FUNCTIONS,
     Call,
@@ -276,7 +276,6 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 # over the whole range; with 10 nodes a panel, exact to rounding for all but the steepest integrands
 _PANELS = 128
 _BLOCK = 65536  # panels evaluated at once, which bounds the memory
-_BISECTIONS = 60  # to the last bit of a double
 
 
 def integral_from_zero(program: Program, upper: ArrayLike, parameters: Sequence[ArrayLike]) -> Floats:
@@ -317,16 +316,10 @@ def _from_zero(program: Program, upper: Floats, parameters: Floats) -> Floats:
 
 
 def _zeros(program: Program, grid: Floats, parameters: Floats) -> Floats:
-    """Zeros of the kinks between points of the grid, by bisection."""
-    zeros = [np.empty(0)]
-    for index, values in enumerate(program(grid, *parameters)[1:], start=1):
-        change = np.flatnonzero(values[:-1] * values[1:] < 0.0)
-        if change.size == 0:
-            continue
-        left, right, sign = grid[change], grid[change + 1], np.sign(values[change])
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (left + right)
-            before = np.sign(program(middle, *parameters)[index]) == sign
-            left, right = np.where(before, middle, left), np.where(before, right, middle)
-        zeros.append(right)
-    return np.concatenate(zeros)
+    """Zeros of the kinks between points of the grid."""
+
+    def kink(number: int) -> Callable[[Floats], Floats]:
+        return lambda d: program(d, *parameters)[number]
+
+    numbers = range(1, len(program(0.0, *parameters)))
+    return np.concatenate([np.empty(0), *(sign_changes(kink(number), grid) for number in numbers)])

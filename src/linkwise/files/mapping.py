@@ -37,8 +37,7 @@ import numpy as np
 
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.table import Column, ColumnHeader
-from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS
-from linkwise.model.rotations import is_inertia
+from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, is_inertia
 from linkwise.model.toml import decode, parse_toml, read_toml_text
 from linkwise.records.channel import COMMON, Channel
 from linkwise.records.record import Record

@@ -103,9 +103,8 @@ class Table:
 
 
 _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^():,]*)\))$", re.DOTALL)
-_QUOTIENT = re.compile(
-    r"^(.*\S) (?:/|in) (\S+)$", re.DOTALL
-)  # as DIN 1313 writes a quantity: over its unit, or in it
+# as DIN 1313 writes a quantity: over its unit, or in it
+_QUOTIENT = re.compile(r"^(.*\S) (?:/|in) (\S+)$", re.DOTALL)
 
 
 @dataclass(frozen=True)

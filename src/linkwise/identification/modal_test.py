@@ -32,7 +32,6 @@ from linkwise.modal.pursuit import PursuedModes, doubled_mode, pursued_modes, sh
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode
 from linkwise.model.link import ANGLE, LENGTH
-from linkwise.model.rotations import with_units
 from linkwise.progress import Progress, part, silent
 from linkwise.records.channel import BAND_LIMITED, BASE
 from linkwise.records.joining import check_distinct, record_list
@@ -272,7 +271,7 @@ def identify_host(
     if open_scale:
         errors[:, 2:] = np.abs(fit.shapes).max(axis=1, keepdims=True)
     host = replace(_host(measured, fit, errors, faint), damping=_between(fit, of_pairs))
-    host = with_units(host, _units(records, host))
+    host = host.with_units(_units(records, host))
     return HostEstimate(
         host=host,
         faint=tuple(name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint),

@@ -21,9 +21,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations, pairwise, product
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -170,10 +169,10 @@ class ModalFit:
 def modal_fit(measured: ModalMeasurement, start: PursuedModes, progress: Progress = silent) -> ModalFit:
     """The most likely modes, searched from a start; with damping between pairs of them where that of one stands out."""
     problem = _OutputError(measured, len(start.frequencies))
-    found = _searched_in_rounds(problem, problem.start(start), part(progress, 0.0, 0.5))
+    found = _searched(problem, problem.start(start), part(progress, 0.0, 0.5))
     coupled, point = _with_pairs(problem, *found[:2])
     if coupled.pairs:
-        fit = _fit(coupled, _searched_in_rounds(coupled, point, part(progress, 0.5, 1.0)))
+        fit = _fit(coupled, _searched(coupled, point, part(progress, 0.5, 1.0)))
         errors = np.sqrt(fit.covariance.diagonal()) * fit.block_ratios
         if np.any(np.abs(fit.between) > _STANDS_OUT * errors[-len(fit.pairs) :]):
             return fit
@@ -206,15 +205,16 @@ def _fit(problem: _OutputError, found: tuple[Floats, Floats, bool]) -> ModalFit:
     )
 
 
-def _searched_in_rounds(
-    problem: _OutputError, theta: Floats, progress: Progress
-) -> tuple[Floats, Floats, bool]:
+def _searched(problem: _OutputError, theta: Floats, progress: Progress) -> tuple[Floats, Floats, bool]:
     """The parameters and levels of noise that are most likely, searched in turn, and whether the search converged."""
     noise, converged = problem.levels(theta), False
     for number in range(_ROUNDS):
         between = ", damping between them" if problem.pairs else ""
         progress(ProgressReport(number / _ROUNDS, f"all {problem.modes} modes{between}"))
-        theta, converged = _searched(problem, theta, noise)
+        equations, cost = partial(problem.equations, noise=noise), partial(problem.cost, noise=noise)
+        theta, converged = least_squares(
+            theta, equations, cost, problem.within, steps=_STEPS, least_gain=_CONVERGED
+        )
         noise = problem.levels(theta)
     return theta, noise, converged
 
@@ -233,7 +233,7 @@ def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_O
     equations = coupled.equations(point, noise, blocks=coupled.blocks(point))
     tested = np.arange(problem.own, coupled.own)
     others = np.setdiff1d(np.arange(len(point)), tested)
-    curvature, scores = equations.linear.curvature, equations.scores
+    curvature, scores = equations.curvature, equations.scores
     lost = np.linalg.pinv(curvature[np.ix_(others, others)], rcond=_SINGULAR, hermitian=True)
     shared = lost @ curvature[np.ix_(others, tested)]
     expected = curvature[tested, tested] - np.einsum("ip,ip->p", curvature[np.ix_(others, tested)], shared)
@@ -244,22 +244,10 @@ def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_O
     return (coupled, point) if enough else (problem, theta)
 
 
-def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, bool]:
-    """The parameters that are most likely with given levels of noise."""
-    return least_squares(
-        theta,
-        lambda point: problem.equations(point, noise).linear,
-        lambda point: problem.cost(point, noise),
-        problem.within,
-        steps=_STEPS,
-        least_gain=_CONVERGED,
-    )
-
-
 def _errors(problem: _OutputError, theta: Floats, noise: Floats, scaling: Floats) -> tuple[Floats, Floats]:
     """The covariance (p, p) from the curvature, and ratios (p,) of errors by blocks, of parameters with a `scaling` (p, p)."""
     equations = problem.equations(theta, noise, blocks=problem.blocks(theta))
-    curvature = equations.linear.curvature
+    curvature = equations.curvature
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     size = np.outer(scale, scale)
     inverse = scaling @ (np.linalg.pinv(curvature / size, rcond=_SINGULAR, hermitian=True) / size)
@@ -271,13 +259,6 @@ def _errors(problem: _OutputError, theta: Floats, noise: Floats, scaling: Floats
     quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
     variance = np.maximum(inverse.diagonal(), np.finfo(float).tiny)
     return inverse, np.maximum(quantiles * np.sqrt(np.maximum(robust, 0.0) / variance), 1.0)
-
-
-class _Equations(NamedTuple):
-    """The linearised problem, and the scores (B, p) of blocks, which its slope is the sum of but for what is known before."""
-
-    linear: LinearProblem
-    scores: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,12 +291,10 @@ class _OutputError:
     def start(self, pursued: PursuedModes) -> Floats:
         """Parameters from decays, or from residues: the shape at a force by the response there, the others by theirs."""
         theta, free = np.zeros(self._free(len(self.measured.runs))), not len(self.measured.forced)
-        for mode in range(self.modes):
-            own = theta[mode * self.width : (mode + 1) * self.width]
-            own[:2] = pursued.frequencies[mode], pursued.damping[mode]
-            own[2:] = (
-                self._decay(theta, mode, pursued) if free else _shape(self.measured, pursued.residues[mode])
-            )
+        own = self.by_mode(theta)
+        own[:, 0], own[:, 1] = pursued.frequencies, pursued.damping
+        for mode, residues in enumerate(pursued.residues):
+            own[mode, 2:] = self._decay(theta, mode, pursued) if free else _shape(self.measured, residues)
         return self.within(theta)
 
     def _decay(self, theta: Floats, mode: int, pursued: PursuedModes) -> Floats:
@@ -413,7 +392,7 @@ class _OutputError:
         fewest = max(1, -(-_FEWEST // len(self.measured.runs)))
         return int(np.clip(shortest * slowest, fewest, _MOST))
 
-    def equations(self, theta: Floats, noise: Floats, *, blocks: int = 1) -> _Equations:
+    def equations(self, theta: Floats, noise: Floats, *, blocks: int = 1) -> LinearProblem:
         """The linearised problem about some parameters, each record in so many blocks."""
         size = len(theta)
         between = self.between(theta)
@@ -436,7 +415,7 @@ class _OutputError:
         joined = np.concatenate(scores)
         slope = joined.sum(axis=0)
         slope[of_pairs] -= between / self.sizes**2
-        return _Equations(LinearProblem(cost, slope, curvature), joined)
+        return LinearProblem(cost, slope, curvature, joined)
 
     def _jacobian(self, theta: Floats, run: int) -> Iterator[tuple[Floats, list[int]]]:
         """For each channel the derivatives (k, N) of its response by some parameters, and the numbers of these."""

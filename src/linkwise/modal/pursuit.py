@@ -37,11 +37,14 @@ _FIRST_DAMPED, _LEAST_DAMPED, _MOST_DAMPED = 1e-4, 1e-9, 1e12  # of steps, as a 
 
 
 class LinearProblem(NamedTuple):
-    """A sum of squares about a point: its `cost`, and half its slope downwards (p,) and its curvature (p, p)."""
+    """A sum of squares about a point: its `cost`, half its slope downwards (p,), its curvature (p, p), and where they were
+    asked for the scores (B, p) of blocks, which the slope is the sum of but for what is known before.
+    """
 
     cost: float
     slope: Floats
     curvature: Floats
+    scores: Floats = np.empty(0)
 
 
 def least_squares(
@@ -139,10 +142,9 @@ class Projection:
     @property
     def left(self) -> list[Floats]:
         """(C, N) of each record that the modes leave, NaN where a sample is missing."""
-        runs = (
-            (run.responses, [fit.left for fit in self._fits[n]]) for n, run in enumerate(self.measured.runs)
-        )
-        return [np.where(np.isfinite(responses), left, np.nan) for responses, left in runs]
+        left = ([fit.left for fit in fits] for fits in self._fits)
+        runs = zip(self.measured.runs, left, strict=True)
+        return [np.where(np.isfinite(run.responses), left, np.nan) for run, left in runs]
 
     @property
     def levels(self) -> Floats:

@@ -12,10 +12,10 @@ import numpy as np
 from linkwise.display import near_miss
 from linkwise.errors import LawError, StructureError, expect
 from linkwise.model.coefficient import Name
+from linkwise.model.host import rotations_of
 from linkwise.model.law import Law
 from linkwise.model.link import GROUND, Link, Mass
 from linkwise.model.named_laws import is_law_name, named_law
-from linkwise.model.rotations import rotations_of
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import LinkTable, MassTable, link_of, mass_of, require_named
 

@@ -461,10 +461,6 @@ class Excitation:
             signals=MappingProxyType(inputs),
         )
 
-    def __reduce__(self) -> tuple[type[Excitation], tuple[object, ...]]:
-        given = dict(self.release), self.impulses, dict(self.forces), self.base, dict(self.signals)
-        return Excitation, given
-
     def base_at(self, times: ArrayLike) -> Floats | None:
         """Displacement of the base.
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
@@ -24,7 +24,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError, expect
 from linkwise.model.coefficient import Coefficient, as_coefficient, index_of
 from linkwise.model.law import Law
-from linkwise.model.link import BASE, GROUND, Link, Mass, check_name
+from linkwise.model.link import ANGLE, BASE, GROUND, LENGTH, Link, Mass, check_name
 
 
 @dataclass(frozen=True)
@@ -100,10 +100,6 @@ class HostMode:
         for name in ("shape", "shape_sigma"):
             numbers = {point: float(value) for point, value in getattr(self, name).items()}
             object.__setattr__(self, name, MappingProxyType(numbers))
-
-    def __reduce__(self) -> tuple[type[HostMode], tuple[object, ...]]:
-        shape, sigma = dict(self.shape), dict(self.shape_sigma)
-        return HostMode, (self.frequency, self.damping, shape, sigma, self.rotations)
 
     def shape_value(self, point: str) -> Coefficient:
         """The shape at a point, known or known to within.
@@ -248,6 +244,8 @@ MODE_LAW = Law.parse(
 """Force of a mode of unit modal mass; frequency in Hz, damping as a part of the critical one."""
 
 
+DIRECTIONS = {ANGLE: re.compile(r"-?\d+r[xyz]"), LENGTH: re.compile(r"(-?\d+)[xyz]")}
+"""Names of points of finite-element models by node and direction, by the unit of their displacement."""
 _RESERVED = frozenset("()\"',;")  # beside those of every name: a point is part of the names of channels
 
 
@@ -291,9 +289,6 @@ class Host:
     modes: tuple[HostMode, ...]
     notes: tuple[str, ...] = field(default=(), compare=False)
     damping: Mapping[Pair, Coefficient | float] = field(default_factory=dict, hash=False)
-
-    def __reduce__(self) -> tuple[type[Host], tuple[object, ...]]:
-        return Host, (self.name, self.modes, self.notes, dict(self.damping))
 
     def __post_init__(self) -> None:
         check_name(self.name, "host")
@@ -390,6 +385,47 @@ class Host:
         own = point.removeprefix(f"{self.name}.")
         values = (index_of(mode.shape, own, "point", "points") for mode in self.modes)
         return dict(zip(self.coordinates, values, strict=True))
+
+    def with_units(
+        self, units: Mapping[str, str], directions: Mapping[str, int | str] = MappingProxyType({})
+    ) -> Host:
+        """The host with the units "rad" or "m" of the displacement of some points.
+
+        Parameters
+        ----------
+        units : mapping of str to str
+            Units by point.
+        directions : mapping of str to int or str, optional
+            What points are in a finite-element model, by default their names: that of a node, such as "21ry", has one unit.
+
+        Returns
+        -------
+        Host
+            The same host with points that turn.
+
+        Raises
+        ------
+        StructureError
+            If there is no such point, or another unit, or one that is not of the direction.
+        """
+        rotations = set(self.modes[0].rotations)
+        for point, unit in units.items():
+            index_of(self.modes[0].shape, point, "point", "points")
+            direction = str(directions.get(point, point))
+            own = next((own for own, words in DIRECTIONS.items() if words.fullmatch(direction)), unit)
+            if own != unit:
+                raise StructureError(
+                    f'units: the point "{point}" is the direction {direction}, which is in {own}, not in {unit}'
+                )
+            if unit not in (ANGLE, LENGTH):
+                raise StructureError(
+                    f'units: the point "{point}" is displaced in "rad" or "m", got {unit!r}; a record may be in other units, '
+                    f"such as x:{self.name}.{point}[deg]"
+                )
+            (rotations.add if unit == ANGLE else rotations.discard)(point)
+        return replace(
+            self, modes=tuple(replace(mode, rotations=frozenset(rotations)) for mode in self.modes)
+        )
 
     def known_to_within(
         self, *, frequency: float = 0.0, damping: float = 0.0, shape: float = 0.0, at_least: bool = False
@@ -490,6 +526,12 @@ def _to_within(given: Coefficient, part: float, lower: float = 0.0, *, at_least:
     if given.known:
         return Coefficient.unknown(given.value, lower=lower, sigma=sigma)
     return replace(given, sigma=max(given.sigma, sigma)) if at_least else given
+
+
+def rotations_of(hosts: Iterable[Host], masses: Iterable[Mass]) -> tuple[str, ...]:
+    """The points of hosts and the masses that turn."""
+    points = [point for host in hosts for point in host.rotations]
+    return (*points, *[mass.name for mass in masses if mass.unit == ANGLE])
 
 
 def with_modes(

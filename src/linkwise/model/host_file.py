@@ -28,7 +28,6 @@ from linkwise.errors import LinkwiseError, StructureError, located
 from linkwise.model.coefficient import Coefficient, coefficient_of, percentage
 from linkwise.model.host import Host, HostMode, Pair, entries_of
 from linkwise.model.matrix_files import read_host_matrices
-from linkwise.model.rotations import turns_throughout, with_units
 from linkwise.model.toml import decode, read_toml_text
 from linkwise.units import converts, to_si
 
@@ -79,7 +78,7 @@ def _mode(data: dict[str, Any], moving: list[tuple[str, str]], where: str) -> Ho
     for key, name in moving:
         values = np.atleast_1d(np.real(data.get(key, np.zeros(len(nodes))))) / np.sqrt(mass)
         shape |= {f"{node}{name}": float(value) for node, value in zip(nodes, values, strict=True)}
-    rotations = [point for point in shape if turns_throughout(point)]
+    rotations = [f"{node}{name}" for _, name in moving if name.startswith("r") for node in nodes]
     with located(where):
         return HostMode(float(data["freq"]), float(data["modal_damp_vis"]), shape, rotations=rotations)
 
@@ -142,7 +141,7 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
         if (text := getattr(entry, f"{quantity}_sigma")) is not None
     }
     with located(where):
-        return with_units(host, entry.units, entry.points).known_to_within(**parts)
+        return host.with_units(entry.units, entry.points).known_to_within(**parts)
 
 
 def _of_modes(entry: HostTable, source: str, path: str) -> Host:

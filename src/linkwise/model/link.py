@@ -6,7 +6,7 @@ the force in N on the first end with reversed sign (METHODS section 1): m_first 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -16,9 +16,10 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
-from linkwise.errors import StructureError, expect, located
+from linkwise.errors import LinkwiseError, StructureError, expect, located
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.law import Law, LinkState
+from linkwise.units import to_si
 
 ANGLE, LENGTH = "rad", "m"
 """Units of displacements: of what turns about an axis, and of what moves along a line."""
@@ -191,9 +192,6 @@ class Link:
         memory = f", {rates!r}" if rates else ""
         return f"Link({self.name!r}, {self.between!r}, {self.law.text!r}, {coefficients!r}{memory})"
 
-    def __reduce__(self) -> tuple[type[Link], tuple[object, ...]]:
-        return Link, (self.name, self.between, self.law, dict(self.coefficients))
-
     @property
     def states(self) -> dict[str, LinkState]:
         """The states of a link with memory, by name."""
@@ -331,6 +329,51 @@ def _full(values: ArrayLike, d: ArrayLike, v: ArrayLike) -> Floats:
 
 def _list(names: Iterable[str]) -> str:
     return ", ".join(names) or "none"
+
+
+def in_units_of_ends(links: tuple[Link, ...], rotations: Collection[str]) -> tuple[Link, ...]:
+    """Links whose laws are moments where their ends are among the `rotations`.
+
+    Raises StructureError for a link between a rotation and what does not turn.
+    """
+    in_units = []
+    for link in links:
+        turning = [end for end in link.between if end in rotations]
+        if differ_in_unit(link.between, rotations):
+            other = next(end for end in link.between if end not in turning)
+            raise StructureError(
+                f'the end "{turning[0]}" turns, in rad, and "{other}" moves in m: no law joins them; link two rotations, or '
+                "a rotation to the ground",
+                f'link "{link.name}"',
+            )
+        same = link.law.angular == bool(turning)
+        in_units.append(link if same else replace(link, law=replace(link.law, angular=bool(turning))))
+    return tuple(in_units)
+
+
+def differ_in_unit(ends: tuple[str, str], rotations: Collection[str]) -> bool:
+    """Whether one of two ends turns and the other moves along a line."""
+    turning = [end for end in ends if end in rotations]
+    return bool(turning) and any(end not in (*turning, GROUND) for end in ends)
+
+
+def mass_in_si(given: float | str) -> tuple[float, str]:
+    """A mass in kg and "m", or where its text is a moment of inertia in kg m^2 and "rad"; a number is in kg."""
+    unit = ANGLE if is_inertia(given) else LENGTH
+    return to_si(given, MASS_UNITS[unit]), unit
+
+
+def is_inertia(given: object) -> bool:
+    """Whether a mass is a moment of inertia: a text such as "20 g m^2", or a table with one."""
+    if isinstance(given, Mapping):
+        return any(is_inertia(value) for value in given.values())
+    if not isinstance(given, str) or not any(character.isdigit() for character in given):
+        return False
+    try:
+        to_si(given, MASS_UNITS[ANGLE])
+    except LinkwiseError:
+        return False
+    return True
 
 
 def check_name(name: object, kind: str) -> None:

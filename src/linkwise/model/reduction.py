@@ -8,6 +8,7 @@ stiff (R. H. MacNeal, Comput. Struct. 1, 581 (1971); S. Rubin, AIAA J. 13, 995 (
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,9 +21,8 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.host import Host, HostMode, Pair
-from linkwise.model.link import ANGLE
-from linkwise.model.rotations import require_direction, row_weights, turns_throughout, with_units
+from linkwise.model.host import DIRECTIONS, Host, HostMode, Pair
+from linkwise.model.link import ANGLE, LENGTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,6 +302,48 @@ def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, floa
     return np.asarray(ratios), float(coupling.max(initial=0.0)), entries
 
 
+_ROUNDED_DIRECTION = 1e-3  # of the length of a direction: cosines of three digits
+_NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?"
+_TERM = re.compile(rf"\s*([+-]?)\s*(?:({_NUMBER})\s*\*\s*)?([^\s*+-]+)\s*")
+
+
+def _row_weights(text: str) -> dict[str, float]:
+    """Factors of degrees of freedom by name, of a name or a sum of names with factors; the text itself with 1 where it is
+    no such sum.
+    """
+    weights: dict[str, float] = {}
+    place = 0
+    while place < len(text):
+        term = _TERM.match(text, place)
+        if term is None or (place > 0 and not term[1]):
+            return {text: 1.0}
+        sign, factor, name = term.groups()
+        weights[name] = weights.get(name, 0.0) + (-1.0 if sign == "-" else 1.0) * float(factor or 1.0)
+        place = term.end()
+    return weights or {text: 1.0}
+
+
+def _turns_throughout(text: str) -> bool:
+    """Whether a point is a rotation, or a sum of rotations; with translations, rotations times a lever are one."""
+    return all(DIRECTIONS[ANGLE].fullmatch(name) for name in _row_weights(text))
+
+
+def _require_direction(point: str, weights: Mapping[str, float]) -> None:
+    """Check that a point moves, and that a direction of one node has the length 1: else StructureError, as forces and
+    stiffnesses there would be wrong by the length and its square.
+    """
+    length = math.hypot(*weights.values())
+    if length == 0.0:
+        raise StructureError(f'the point "{point}" does not move: its factors cancel')
+    nodes = {match[1] if (match := DIRECTIONS[LENGTH].fullmatch(name)) else "" for name in weights}
+    if len(weights) > 1 and len(nodes) == 1 and "" not in nodes and abs(length - 1.0) > _ROUNDED_DIRECTION:
+        cosines = " ".join(f"{weight / length:+.4f}*{name}" for name, weight in weights.items())
+        raise StructureError(
+            f'the factors of the point "{point}" are no direction of node {nodes.pop()}: their squares add up to '
+            f'{length**2:.4g}, not 1; write "{cosines}"'
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class HostMatrices:
     """Matrices of a finite-element model, with the names of its degrees of freedom.
@@ -438,9 +480,7 @@ class HostMatrices:
             more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
             squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
         frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
-        damping = (
-            rayleigh if rayleigh is not None else self.damping if self.damping is not None else modal_damping
-        )
+        damping = next(given for given in (rayleigh, self.damping, modal_damping) if given is not None)
         ratios, coupling, between = _modal_damping(frequencies, shapes, damping)
         local = at_points.T @ shapes
         modes = tuple(
@@ -451,17 +491,15 @@ class HostMatrices:
         exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
         approximate = (local / (squares - square)) @ local.T
         error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
-        turning = {point: ANGLE for point, given in points.items() if turns_throughout(str(given))}
-        host, band = (
-            with_units(Host(name, modes, damping=between), turning),
-            float(np.sqrt(square) / (2.0 * np.pi)),
-        )
-        return HostReduction(host, kept, band, error, coupling, self.total_mass, massless)
+        turning = {point: ANGLE for point, given in points.items() if _turns_throughout(str(given))}
+        host, band = Host(name, modes, damping=between), float(np.sqrt(square) / (2.0 * np.pi))
+        others = kept, band, error, coupling, self.total_mass, massless
+        return HostReduction(host.with_units(turning), *others)
 
     def _weights(self, point: str, given: str) -> dict[int, float]:
         """Factors of rows, counted from 0, of which a point is the sum."""
         numbers = {name: number for number, name in enumerate(self.names)}
-        weights = {given: 1.0} if given in numbers else row_weights(given)
+        weights = {given: 1.0} if given in numbers else _row_weights(given)
         missing = next((name for name in weights if name not in numbers), None)
         if missing is not None:
             first, last = self.names[0], self.names[-1]
@@ -473,5 +511,5 @@ class HostMatrices:
                 named = "its file names points by node and direction, and has none of this name that is not held fixed; "
                 named += f"nearest are {', '.join(near)}"
             raise StructureError(f'the point "{point}" is {given}, but {named}')
-        require_direction(point, weights)
+        _require_direction(point, weights)
         return {numbers[name]: weight for name, weight in weights.items()}

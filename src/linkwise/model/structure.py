@@ -32,9 +32,9 @@ from linkwise.model.coefficient import (
     index_of,
     quoted,
 )
-from linkwise.model.host import Host, counted, is_between_modes, with_modes
+from linkwise.model.host import Host, counted, is_between_modes, rotations_of, with_modes
 from linkwise.model.law import Law
-from linkwise.model.link import BASE, GROUND, Link, Mass
+from linkwise.model.link import BASE, GROUND, Link, Mass, in_units_of_ends
 from linkwise.model.parameters import (
     CoefficientSlot,
     Parameter,
@@ -45,7 +45,6 @@ from linkwise.model.parameters import (
     replace_shapes,
     resolve_sharing,
 )
-from linkwise.model.rotations import in_units_of_ends, rotations_of
 
 GROUND_INDEX = -1
 BASE_INDEX = -2

@@ -26,12 +26,11 @@ import msgspec
 from linkwise.errors import LinkwiseError, StructureError, expect, located
 from linkwise.expression.dimensions import Dimension
 from linkwise.model.coefficient import Coefficient, coefficient_of
-from linkwise.model.host import Host
+from linkwise.model.host import Host, rotations_of
 from linkwise.model.host_file import HostTable, host_of
 from linkwise.model.law import Law, LinkState, law_dimensions, unit_dimension
-from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass
+from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass, is_inertia
 from linkwise.model.named_laws import NamedLaw, is_law_name, named_law
-from linkwise.model.rotations import is_inertia, rotations_of
 from linkwise.model.structure import Structure
 from linkwise.model.toml import decode, parse_toml, read_toml_text, toml_text
 from linkwise.output import atomic_file

@@ -345,8 +345,7 @@ class Record(NotebookView):
         return cls(line.start, line.rate, tuple(columns), values, noise or {}, source=source, notes=told)
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
-        values = (getattr(self, member.name) for member in fields(self))
-        return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+        return type(self), tuple(getattr(self, member.name) for member in fields(self))
 
     def __len__(self) -> int:
         return len(self.values)

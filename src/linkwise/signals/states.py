@@ -10,7 +10,7 @@ Both take evenly sampled channels without gaps and are linear, so they act on no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, comb, factorial
@@ -109,10 +109,8 @@ class SmoothingSpline:
         """How q sums over the spline of the first channel change with its samples (N, q), from their derivatives by the
         coefficients of the B-splines (N + 4, q).
         """
-        rows = len(self.coefficients)
-        penalty = self.smoothing[0] * _normal_bands(_DIFFERENCES, rows - _PENALTY)
-        factor = cholesky_banded(_normal_bands(_VALUE, rows - 4) + penalty, lower=True, check_finite=False)
-        return _stencil(cho_solve_banded((factor, True), by_coefficient, check_finite=False), _VALUE)
+        solved = _solver(self.smoothing[0], len(self.coefficients) - 4)(by_coefficient)
+        return _stencil(solved, _VALUE)
 
     @property
     def reach(self) -> int:
@@ -139,30 +137,28 @@ def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None
     weights = _SMOOTHINGS if smoothing is None else np.array([smoothing])
     best = np.full(values.shape[1], np.inf)
     coefficients, chosen = np.zeros((len(values) + 4, values.shape[1])), np.zeros(values.shape[1])
-    bands = _normal_bands(_VALUE, len(values)), _normal_bands(_DIFFERENCES, len(values) + 4 - _PENALTY)
     right = _transposed(values, _VALUE)
-    for weight in weights:
-        factor = cholesky_banded(bands[0] + weight * bands[1], lower=True, check_finite=False)
-        solved = cho_solve_banded((factor, True), right, check_finite=False)
+    for weight in weights.tolist():
+        solved = _solver(weight, len(values))(right)
         rest = len(values) - _trace(weight, len(values))
         score = np.sum((values - _stencil(solved, _VALUE)) ** 2, axis=0) / rest**2
         better = score < best
         best[better], chosen[better] = score[better], weight
         coefficients[:, better] = solved[:, better]
-    for weight in np.unique(chosen):
-        factor = cholesky_banded(bands[0] + weight * bands[1], lower=True, check_finite=False)
-        which = chosen == weight
-        coefficients[:, which] = _refined(factor, coefficients[:, which], values[:, which], weight)
+    for weight in np.unique(chosen).tolist():
+        which, solve = chosen == weight, _solver(weight, len(values))
+        for _ in range(2):  # iterative refinement, for the digits that a strong penalty costs
+            left = _transposed(values[:, which] - _stencil(coefficients[:, which], _VALUE), _VALUE)
+            left -= weight * _transposed(_stencil(coefficients[:, which], _DIFFERENCES), _DIFFERENCES)
+            coefficients[:, which] += solve(left)
     return SmoothingSpline(coefficients, rate, chosen)
 
 
-def _refined(factor: Floats, solved: Floats, values: Floats, weight: float) -> Floats:
-    """Spline coefficients after two steps of iterative refinement, for the digits that a strong penalty costs."""
-    for _ in range(2):
-        rest = _transposed(values - _stencil(solved, _VALUE), _VALUE)
-        rest -= weight * _transposed(_stencil(solved, _DIFFERENCES), _DIFFERENCES)
-        solved = solved + cho_solve_banded((factor, True), rest, check_finite=False)
-    return solved
+def _solver(weight: float, samples: int) -> Callable[[Floats], Floats]:
+    """What solves the normal equations of splines through so many samples, whose fourth differences have a weight."""
+    bands = _normal_bands(_VALUE, samples) + weight * _normal_bands(_DIFFERENCES, samples + 4 - _PENALTY)
+    factor = cholesky_banded(bands, lower=True, check_finite=False)
+    return lambda right: np.asarray(cho_solve_banded((factor, True), right, check_finite=False))
 
 
 def _columns(samples: ArrayLike) -> Floats:

@@ -122,8 +122,6 @@ class RunSchedule:
     def pieces(self) -> Floats:
         """Parameters (S - 1, w) of the sampled inputs between stops, in the order of `ParameterLayout.inputs`."""
         columns = [np.empty((len(self.stops) - 1, 0))]
-        if not self._sampled:
-            return columns[0]
         middle = 0.5 * (self.stops[1:] + self.stops[:-1])
         for drive in self._sampled:
             edges, coefficients = drive.pieces
@@ -184,8 +182,8 @@ def branches_hold(system: CompiledSystem, start: Placement) -> bool:
     parameters, layout, time = start.parameters, system.layout, float(start.time)
     if parameters[layout.unwatched].any():
         return False
-    values = system.kink_values(start.state, parameters, time) * parameters[layout.branches]
-    return bool((values > _CLEAR * system.kink_sizes(start.state, parameters, time)).all())
+    values, sizes = system.kinks_at(start.state, parameters, time)
+    return bool((values * parameters[layout.branches] > _CLEAR * sizes).all())
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of a kink's value; what is not finite has no branch
@@ -197,19 +195,19 @@ def choose_branches(system: CompiledSystem, start: Placement, longest: float) ->
     state, time, parameters = start.state, float(start.time), start.parameters.copy()
     integrator, layout = system.without_events, system.layout
     branches, unwatched = parameters[layout.branches], parameters[layout.unwatched]
-    values = system.kink_values(state, parameters, time)
+    values, sizes = system.kinks_at(state, parameters, time)
     for _ in range(system.kinks):  # kinks may be nested, inner ones first
         signs = np.where(values == 0.0, branches, np.sign(values))
         if (signs == branches).all():
             break
         branches[:] = signs
-        values = system.kink_values(state, parameters, time)
+        values, sizes = system.kinks_at(state, parameters, time)
     reversals = np.zeros(system.kinks, dtype=int)
     fraction = _FRACTION
     while True:
         integrator.place(Placement(time, state, parameters))
         later_state, later = integrator.trial_step(fraction, longest)
-        then = system.kink_values(later_state, parameters, later)
+        then, _ = system.kinks_at(later_state, parameters, later)
         on_kink = np.abs(values) <= _ON_KINK * np.abs(then - values)
         passed = ~on_kink & (values * then < 0.0)
         resolved = 0.1 * (later - time) > _RESOLUTION_OF_TIME * np.spacing(time)
@@ -219,17 +217,15 @@ def choose_branches(system: CompiledSystem, start: Placement, longest: float) ->
         on_kink |= passed  # nearer to it than time can tell
         wrong = on_kink & (then * branches < 0.0)
         if not wrong.any():
-            unwatched[:] = then == 0.0
-            still = (then == values) & (values != 0.0)
-            if still.any():  # a slider that slides: its force stays at the limit, up to rounding
-                sizes = system.kink_sizes(state, parameters, time)
-                unwatched[still] = (np.abs(values) <= _ROUNDING * sizes)[still]
+            # a slider that slides: its force stays at the limit, up to rounding
+            slides = (then == values) & (np.abs(values) <= _ROUNDING * sizes)
+            unwatched[:] = (then == 0.0) | slides
             return BranchChoice(later, parameters)
         reversals += wrong
         if reversals.max() > 2:
             return BranchChoice(time, parameters, int(np.argmax(reversals)))
         branches[wrong] *= -1.0
-        values = system.kink_values(state, parameters, time)
+        values, sizes = system.kinks_at(state, parameters, time)
 
 
 _SAMPLE_BYTES = 32  # at least: time, and displacement, velocity and acceleration of one mass
@@ -367,37 +363,6 @@ def diverged(schedule: RunSchedule, time: float, state: Floats) -> SimulationErr
     return SimulationError(
         f"the motion diverges: at {time:g} s the displacement of mass {mass} is {abs(x[number]):.3g} {unit}; a link with "
         "negative stiffness or damping needs a term that limits the motion, or its sign is wrong",
-        time,
-        mass,
-    )
-
-
-def not_finite(schedule: RunSchedule, time: float, state: Floats) -> SimulationError:
-    """A force is not a finite number after `time` in s, where the state is `state` (2n + S,) in m and m/s."""
-    structure, base = schedule.structure, schedule.excitation.base
-    x = state[: structure.size]
-    d = structure.elongations(x, 0.0 if base is None else float(base.value(time)))
-    number = int(np.argmax(np.abs(x)))
-    unit = unit_in(structure, f"x:{structure.mass_names[number]}")
-    elongations = list(zip(structure.links, d, strict=True))[:_MOST_LINKS]
-    rooted = next((link for link in structure.links if any(map(_is_root, walk(link.law.expression)))), None)
-    return SimulationError(
-        f"a force is not finite after {time:g} s: the displacement of mass {structure.mass_names[number]} is "
-        f"{x[number]:.3g} {unit} and the elongations are "
-        + ", ".join(f"{link.name} {value:.3g} {link.law.motion_units[0]}" for link, value in elongations)
-        + (_ROOT.format(rooted.name) if rooted else ""),
-        time,
-        structure.mass_names[number],
-    )
-
-
-def too_many_steps(schedule: RunSchedule, time: float, state: Floats, steps: int) -> SimulationError:
-    """More than `steps` steps between two output times at `time` in s, where the scaled state is `state` (2n + S,)."""
-    size = schedule.structure.size
-    mass = schedule.structure.mass_names[int(np.argmax(np.abs(state[size : 2 * size])))]
-    return SimulationError(
-        f"at {time:g} s the motion takes more than {steps} steps between two output times, mass {mass} being the fastest: "
-        "it diverges, or the structure is too stiff for this sampling rate; check stiffnesses, masses and their units",
         time,
         mass,
     )
@@ -563,8 +528,7 @@ class _Run:
             x = states[:, : self.schedule.structure.size]
             self.check_distance(np.full(len(x), float(self.integrator.time)), x)
             if fruitless > MOST_STEPS // self.schedule.structure.size + 2 * CHUNK:
-                time, state = float(self.integrator.time), self.integrator.state
-                raise too_many_steps(self.schedule, time, state, fruitless)
+                raise self.too_many_steps(fruitless)
 
     def step_limit(self) -> int:
         """Number of steps until the next check."""
@@ -674,6 +638,31 @@ class _Run:
             if outcome in (Outcome.DONE, Outcome.NOT_FINITE) or not np.isfinite(integrator.state).all():
                 break
         state = np.asarray(state * SCALE, dtype=float)
-        if np.abs(state[: 2 * self.schedule.structure.size]).max() > FARTHEST:
+        structure, base = self.schedule.structure, self.schedule.excitation.base
+        if np.abs(state[: 2 * structure.size]).max() > FARTHEST:
             return diverged(self.schedule, time, state)
-        return not_finite(self.schedule, time, state)
+        x = state[: structure.size]
+        d = structure.elongations(x, 0.0 if base is None else float(base.value(time)))
+        number = int(np.argmax(np.abs(x)))
+        mass, elongations = structure.mass_names[number], zip(structure.links[:_MOST_LINKS], d, strict=False)
+        rooted = [link.name for link in structure.links if any(map(_is_root, walk(link.law.expression)))]
+        return SimulationError(
+            f"a force is not finite after {time:g} s: the displacement of mass {mass} is {x[number]:.3g} "
+            f"{unit_in(structure, f'x:{mass}')} and the elongations are "
+            + ", ".join(f"{link.name} {value:.3g} {link.law.motion_units[0]}" for link, value in elongations)
+            + "".join(map(_ROOT.format, rooted[:1])),
+            time,
+            mass,
+        )
+
+    def too_many_steps(self, steps: int) -> SimulationError:
+        """The error of more than so many steps between two output times."""
+        structure, time = self.schedule.structure, float(self.integrator.time)
+        velocities = self.integrator.state[structure.size : 2 * structure.size]
+        mass = structure.mass_names[int(np.argmax(np.abs(velocities)))]
+        return SimulationError(
+            f"at {time:g} s the motion takes more than {steps} steps between two output times, mass {mass} being the fastest: "
+            "it diverges, or the structure is too stiff for this sampling rate; check stiffnesses, masses and their units",
+            time,
+            mass,
+        )

@@ -237,11 +237,7 @@ def _measured(
         shown = [n for n, channel in enumerate(channels) if channel.kind == kind and not channel.is_input]
         if shown:
             rows = np.array([structure.topology.row(channels[n].place) for n in shown])
-            seen = arrays[kind] @ rows.T
-            if len(shown) == len(channels):
-                values = seen
-            else:
-                values[:, shown] = seen
+            values[:, shown] = arrays[kind] @ rows.T
     for column, channel in enumerate(channels):
         order = channel.order if channel.is_motion else 0
         if channel.is_input:

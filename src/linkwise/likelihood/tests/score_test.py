@@ -39,8 +39,7 @@ from linkwise.likelihood.shooting.segments import A, Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents, whitened_jacobian
 from linkwise.model.coefficient import MASS, Coefficient
 from linkwise.model.law import VARIABLES, Law
-from linkwise.model.link import BASE, GROUND, Link
-from linkwise.model.rotations import differ_in_unit
+from linkwise.model.link import BASE, GROUND, Link, differ_in_unit
 from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread

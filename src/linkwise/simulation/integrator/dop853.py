@@ -16,9 +16,11 @@ from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
 from linkwise.arrays import Bools, Floats
-from linkwise.expression import Number, Program, Symbol, add, call
+from linkwise.expression import Program, Symbol, add, call
+from linkwise.expression.tree import as_expression
 from linkwise.simulation.integrator.formulas import (
     SCALE,
+    Algebra,
     CompiledSystem,
     Formula,
     MotionFormulas,
@@ -35,26 +37,15 @@ _LOOKS = np.array([0.25, 0.5, 0.75, 1.0])  # of a step, at which crossings are l
 _FIRST = 1e-3  # of the longest step that is tried: where nothing tells a better one
 
 
-@final
-class TreeAlgebra:
-    """Formulas as trees of expressions."""
-
-    time = Symbol("time")
-
-    def number(self, value: float) -> Formula:
-        return Number(float(value))
-
-    def variable(self, name: str) -> Formula:
-        return Symbol(f"state {name}")
-
-    def parameter(self, index: int) -> Formula:
-        return Symbol(f"parameter {index}")
-
-    def total(self, parts: Sequence[Formula]) -> Formula:
-        return add(*parts)
-
-    def call(self, function: str, arguments: Sequence[Formula]) -> Formula:
-        return call(function, *arguments)
+TREES = Algebra(
+    time=Symbol("time"),
+    number=as_expression,
+    variable=lambda name: Symbol(f"state {name}"),
+    parameter=lambda index: Symbol(f"parameter {index}"),
+    total=lambda parts: add(*parts),
+    call=call,
+)
+"""Formulas as trees of expressions."""
 
 
 @final
@@ -285,7 +276,7 @@ class ScipySystem(CompiledSystem):
     """The integrators of one shape, see `formulas.CompiledSystem`."""
 
     def __init__(self, shape: SystemShape) -> None:
-        super().__init__(MotionFormulas(shape, TreeAlgebra()))
+        super().__init__(MotionFormulas(shape, TREES))
 
     def _integrator(self, *, events: bool) -> DormandPrince:
         return DormandPrince(self._motion, range(self.kinks) if events else ())
@@ -293,14 +284,11 @@ class ScipySystem(CompiledSystem):
     def _batch(self, lanes: int, watched: tuple[int, ...]) -> DormandPrinceBatch:
         return DormandPrinceBatch(self._motion, lanes, watched)
 
-    def _evaluated(self, which: int, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
-        function = self._functions[which]
-        function.parameters[:, 0] = parameters
-        return function(time, np.asarray(state, dtype=float))[:, 0]
+    def kinks_at(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        self._kinks.parameters[:, 0] = parameters
+        return self._kinks.flat(time, np.asarray(state, dtype=float)).reshape(2, -1)
 
     @cached_property
-    def _functions(self) -> tuple[_Evaluation, _Evaluation]:
-        """The values of the kinks, and the sizes of their terms."""
+    def _kinks(self) -> _Evaluation:
         variables, size = [variable for variable, _ in self._motion.equations], self.layout.size
-        values = _Evaluation(self._motion.kink_formulas, variables, size, 1)
-        return values, _Evaluation(self._motion.kink_sizes, variables, size, 1)
+        return _Evaluation([*self._motion.kink_formulas, *self._motion.kink_sizes], variables, size, 1)

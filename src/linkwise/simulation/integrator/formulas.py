@@ -16,12 +16,13 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache, cached_property, lru_cache
 from math import prod
 from pkgutil import resolve_name
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -312,13 +313,11 @@ class CompiledSystem(ABC):
         """The number of the link whose law has this kink; None for an input."""
         return self._motion.link_of(kink)
 
-    def kink_values(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
-        """Values (kinks,) of the kinks at a scaled state (2n + S,), parameters (P,) and time in s."""
-        return self._evaluated(0, state, parameters, time)
-
-    def kink_sizes(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
-        """Sizes (kinks,) of the terms of the kinks there, to which their rounding is relative."""
-        return self._evaluated(1, state, parameters, time)
+    @abstractmethod
+    def kinks_at(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        """(2, kinks) the kinks at a scaled state (2n + S,), parameters (P,) and time in s: their values, and the sizes of
+        their terms, to which their rounding is relative.
+        """
 
     @abstractmethod
     def _integrator(self, *, events: bool) -> Integrator:
@@ -328,34 +327,24 @@ class CompiledSystem(ABC):
     def _batch(self, lanes: int, watched: tuple[int, ...]) -> BatchIntegrator:
         """A new integrator of a batch."""
 
-    @abstractmethod
-    def _evaluated(self, which: int, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
-        """Values of the kinks, or with 1 the sizes of their terms."""
-
 
 Formula = Any  # of an algebra: what +, -, *, / and ** combine
 _INPUT = -1  # owner of a kink of an input
 
 
-class Algebra(Protocol):
-    """How an integrator writes formulas; they are combined by the operators of Python."""
+class Algebra(NamedTuple):
+    """How an integrator writes formulas; they are combined by the operators of Python.
+
+    `time` is one, and functions give a constant, a component of the state by its name, a run-time parameter by its index, the
+    sum of a list, and a function of `FUNCTIONS` without kinks by its name and its arguments.
+    """
 
     time: Formula
-
-    def number(self, value: float) -> Formula:
-        """A constant."""
-
-    def variable(self, name: str) -> Formula:
-        """A component of the state."""
-
-    def parameter(self, index: int) -> Formula:
-        """A run-time parameter."""
-
-    def total(self, parts: Sequence[Formula]) -> Formula:
-        """A sum."""
-
-    def call(self, function: str, arguments: Sequence[Formula]) -> Formula:
-        """A function of `FUNCTIONS` without kinks."""
+    number: Callable[[float], Formula]
+    variable: Callable[[str], Formula]
+    parameter: Callable[[int], Formula]
+    total: Callable[[list[Formula]], Formula]
+    call: Callable[..., Formula]
 
 
 class MotionFormulas:
@@ -439,7 +428,7 @@ class MotionFormulas:
         for owner, kink in self._kinks:
             parts = kink.parts if isinstance(kink, Sum) else (kink,)
             terms = [self._translated(part, self._names_of(owner), owner) for part in parts]
-            sizes.append(self.algebra.total([self.algebra.call("sqrt", [term * term]) for term in terms]))
+            sizes.append(self.algebra.total([self.algebra.call("sqrt", term * term) for term in terms]))
         return sizes
 
     def _names_of(self, owner: int) -> dict[str, Formula]:
@@ -514,7 +503,7 @@ class MotionFormulas:
                         owner,
                     )
                 case Call(function, arguments):
-                    return self.algebra.call(function, [translate(argument) for argument in arguments])
+                    return self.algebra.call(function, *map(translate, arguments))
             raise TypeError(f"not an expression: {node!r}")
 
         return translate(tree)
@@ -548,14 +537,11 @@ _HOME = "linkwise.simulation.integrator"
 
 
 @cache
-def _kind() -> Callable[[SystemShape], CompiledSystem]:
-    """The class of systems that is available."""
-    kind: Callable[[SystemShape], CompiledSystem]
-    try:
-        kind = resolve_name(f"{_HOME}.taylor:HeyokaSystem")
-    except ImportError:  # no heyoka, or one whose libraries are not there
-        kind = resolve_name(f"{_HOME}.dop853:ScipySystem")
-    return kind
+def _of_heyoka(name: str) -> Callable[[SystemShape], Any] | None:
+    """A class of `taylor`; None where there is no heyoka, or one whose libraries are not there."""
+    with suppress(ImportError):
+        return cast(Callable[[SystemShape], Any], resolve_name(f"{_HOME}.taylor:{name}"))
+    return None
 
 
 def compiled_system(shape: SystemShape) -> CompiledSystem:
@@ -566,13 +552,11 @@ def compiled_system(shape: SystemShape) -> CompiledSystem:
 @lru_cache(maxsize=128)
 def system_of_thread(shape: SystemShape, thread: Hashable) -> CompiledSystem:
     """The compiled equations of a shape for one thread."""
-    return _kind()(shape)
+    kind = _of_heyoka("HeyokaSystem") or resolve_name(f"{_HOME}.dop853:ScipySystem")
+    return cast(CompiledSystem, kind(shape))
 
 
 def phase_integrator(shape: SystemShape) -> PhaseIntegrator | None:
     """The equations of a shape without kinks over phase; None where heyoka, which integrates them, is missing."""
-    try:
-        kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.taylor:HeyokaPhase")
-    except ImportError:
-        return None
-    return kind(shape)
+    kind = _of_heyoka("HeyokaPhase")
+    return kind and kind(shape)

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from linkwise.arrays import Bools, Floats
 from linkwise.simulation.integrator.formulas import (
     SCALE,
+    Algebra,
     CompiledSystem,
-    Formula,
     MotionFormulas,
     Outcome,
     Placement,
@@ -69,26 +69,15 @@ _OUTCOMES = {
 _FAILED = (heyoka.taylor_outcome.err_nf_state, heyoka.taylor_outcome.step_limit)
 
 
-@final
-class HeyokaAlgebra:
-    """Formulas as heyoka expressions."""
-
-    time = heyoka.time
-
-    def number(self, value: float) -> Formula:
-        return heyoka.expression(value)
-
-    def variable(self, name: str) -> Formula:
-        return heyoka.expression(name)
-
-    def parameter(self, index: int) -> Formula:
-        return heyoka.par[index]
-
-    def total(self, parts: Sequence[Formula]) -> Formula:
-        return heyoka.sum(list(parts))
-
-    def call(self, function: str, arguments: Sequence[Formula]) -> Formula:
-        return getattr(heyoka, function)(*arguments)
+HEYOKA = Algebra(
+    time=heyoka.time,
+    number=heyoka.expression,
+    variable=heyoka.expression,
+    parameter=heyoka.par.__getitem__,
+    total=heyoka.sum,
+    call=lambda function, *arguments: getattr(heyoka, function)(*arguments),
+)
+"""Formulas as heyoka expressions."""
 
 
 @final
@@ -254,7 +243,7 @@ class HeyokaSystem(CompiledSystem):
     """The integrators of one shape, see `formulas.CompiledSystem`."""
 
     def __init__(self, shape: SystemShape) -> None:
-        super().__init__(MotionFormulas(shape, HeyokaAlgebra()))
+        super().__init__(MotionFormulas(shape, HEYOKA))
         self._compact = shape.masses > UNROLLED
 
     def _integrator(self, *, events: bool) -> TaylorIntegrator:
@@ -283,18 +272,17 @@ class HeyokaSystem(CompiledSystem):
     def _batch(self, lanes: int, watched: tuple[int, ...]) -> TaylorBatch:
         return TaylorBatch(self._motion, lanes, watched, compact=self._compact)
 
-    def _evaluated(self, which: int, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
-        function = self._functions[which]
+    def kinks_at(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        function = self._kinks
         clock = {"time": time} if function.is_time_dependent else {}
-        return np.asarray(function(state, pars=parameters[: function.nparams], **clock), dtype=float)
+        both = function(state, pars=parameters[: function.nparams], **clock)
+        return np.asarray(both, dtype=float).reshape(2, -1)
 
     @cached_property
-    def _functions(self) -> tuple[Any, Any]:
-        """The values of the kinks, and the sizes of their terms."""
+    def _kinks(self) -> Any:
         y, u = self._motion.variables
         state = [*y, *u, *self._motion.states.values()]
-        formulas = (self._motion.kink_formulas, self._motion.kink_sizes)
-        return heyoka.cfunc(formulas[0], vars=state), heyoka.cfunc(formulas[1], vars=state)
+        return heyoka.cfunc([*self._motion.kink_formulas, *self._motion.kink_sizes], vars=state)
 
 
 _OMEGA = "omega"  # the symbol of an input that is the angular frequency in rad/s
@@ -314,7 +302,7 @@ class HeyokaPhase:
     """
 
     def __init__(self, shape: SystemShape) -> None:
-        self._motion = motion = MotionFormulas(shape, HeyokaAlgebra())
+        self._motion = motion = MotionFormulas(shape, HEYOKA)
         self.layout = motion.layout
         self._parameters = np.zeros(self.layout.size + 1)  # omega last
 
