@@ -10,7 +10,7 @@ from structures import HARDENING, link, oscillator, structure
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.model.coefficient import Name
-from linkwise.response.bands import band_ends, drawn_structures
+from linkwise.response.bands import drawn_structures, spread
 from linkwise.response.search import LevelSearch
 from linkwise.response.shooting import Shooting, driven_phase
 
@@ -138,7 +138,7 @@ def test_a_band_beside_an_antiresonance_is_that_of_draws_solved_for_there() -> N
     lowest = minimize_scalar(lambda w: receptance(400.0, w), bounds=(34.0, 38.0), method="bounded").fun
     assert branch.amplitude.min() == pytest.approx(lowest, rel=1e-4)
     drawn = np.array([receptance(s.link("joint").values["k"]) for s in drawn_structures(answer, 100, seed=0)])
-    lower, upper = band_ends(drawn / receptance(400.0))
+    lower, upper = np.exp(spread(np.log(drawn / receptance(400.0))))
     width = upper - lower
     assert np.abs(branch.lower[:, 0] / branch.amplitude[:, 0] - lower).max() < 0.05 * width.max()
     assert (np.abs(branch.upper[:, 0] / branch.amplitude[:, 0] - upper) < 0.2 * width).all()

@@ -184,19 +184,20 @@ def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation
 
 
 def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
-    hosted = next((sink for sink in sinks if {sink.host, sink.mass} & set(structure.points)), None)
-    if hosted is not None:
+    hosted = [
+        (sink, f"point {sink.host}", "change the modes of the host")
+        for sink in sinks
+        if {sink.host, sink.mass} & set(structure.points)
+    ]
+    fixed = [
+        (sink, sink.host, "hold its mass still")
+        for sink in sinks
+        if sink.mass is None or sink.host in (GROUND, BASE)
+    ]
+    for sink, place, effect in hosted + fixed:
         raise StructureError(
-            f"the sink is linked to the point {hosted.host}: locked, it would change the modes of the host; compare with the "
-            "sinks removed",
-            f'link "{hosted.link}"',
-            arguments=("without",),
-        )
-    fixed = next((sink for sink in sinks if sink.mass is None or sink.host in (GROUND, BASE)), None)
-    if fixed is not None:
-        raise StructureError(
-            f"the sink is linked to the {fixed.host}: locked, it would hold its mass still; compare with the sinks removed",
-            f'link "{fixed.link}"',
+            f"the sink is linked to the {place}: locked, it would {effect}; compare with the sinks removed",
+            f'link "{sink.link}"',
             arguments=("without",),
         )
     host = {sink.mass: sink.host for sink in sinks if sink.mass is not None}
@@ -205,8 +206,10 @@ def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation)
     offset = {name: x[name] - x[root[name]] for name in root}  # from its root, as long as it is locked
     kilograms = dict(zip(structure.mass_names, structure.mass_values.tolist(), strict=True))
     joined = dict.fromkeys((name for name in structure.mass_names if name not in host), 0.0)
+    momenta = dict.fromkeys(joined, 0.0)  # of masses locked together, which keep their momentum
     for rider, name in root.items():
         joined[name] += kilograms[rider]
+        momenta[name] += kilograms[rider] * excitation.release.get(f"v:{rider}", 0.0)
     changed = {name: Coefficient.number(total) for name, total in joined.items() if total != kilograms[name]}
     stay = (mass for mass in structure.masses if mass.name in joined)
     masses = tuple(replace(mass, mass=changed.get(mass.name, mass.mass)) for mass in stay)
@@ -214,7 +217,7 @@ def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation)
     left = _structure(structure, masses, links, "locked")
     impulses = tuple(replace(impulse, mass=root[impulse.mass]) for impulse in excitation.impulses)
     release = {f"x:{name}": x[name] for name in joined if x[name]}
-    release |= _joint_velocities(excitation.release, root, kilograms, joined)
+    release |= {f"v:{name}": momentum / joined[name] for name, momentum in momenta.items() if momentum}
     forces = _combined_forces(excitation.forces, root)
     return WithoutSinks(left, Excitation(release, impulses, forces, excitation.base))
 
@@ -228,19 +231,6 @@ def _root(name: str, host: Mapping[str, str]) -> str:
             circle = ", ".join(path)
             raise StructureError(f"the sinks carry one another in a circle ({circle}); name fewer sinks")
     return path[-1]
-
-
-def _joint_velocities(
-    release: Mapping[str, float],
-    root: Mapping[str, str],
-    kilograms: Mapping[str, float],
-    joined: Mapping[str, float],
-) -> dict[str, float]:
-    """The velocities of masses locked together that keep their momentum, as channels of a release."""
-    momenta = dict.fromkeys(joined, 0.0)
-    for rider, name in root.items():
-        momenta[name] += kilograms[rider] * release.get(f"v:{rider}", 0.0)
-    return {f"v:{name}": momentum / joined[name] for name, momentum in momenta.items() if momentum}
 
 
 def _reattached(link: Link, root: Mapping[str, str], offset: Mapping[str, float]) -> Link | None:
@@ -327,14 +317,6 @@ class Comparison:
         times = output_times(duration, rate)
         check_excitation(equipped, excitation, float(times[-1]))
         return cls(equipped, sinks, baseline, times, options)
-
-    def of_variant(
-        self, structure: Structure, excitation: Excitation, baseline: WithoutSinks | None = None
-    ) -> Comparison:
-        """The same comparison of another structure of this shape, harvesters included; `baseline` if it is known."""
-        without = baseline or without_sinks(structure, self.sinks, excitation, self.options.without)
-        options = replace(self.options, excitation=excitation)
-        return replace(self, structure=structure, baseline=without, options=options)
 
     @cached_property
     def powers(self) -> Mapping[str, Expression]:

@@ -7,17 +7,16 @@ while evaluations are left. Each generation is one ensemble of simulations.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack, final
 
 import numpy as np
 
 from linkwise.absorption.absorb import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
-from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantities_of, run_ensemble
+from linkwise.absorption.ensemble import AbsorptionQuantity, quantities_of, run_ensemble, variants
 from linkwise.absorption.map import comparison_at, parameter_unit
 from linkwise.absorption.resonance import RESONANCE, Resonance, curve_pool, sweep
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
@@ -238,12 +237,11 @@ class Design(JudgedView):
 
         Near is within 2 % of the bounds, by every parameter.
         """
-        ways = [
-            np.array([way_to(axis, value) for value in self.points[:, k].tolist()])
-            - way_to(axis, self.best[axis.name])
-            for k, axis in enumerate(self.axes)
+        off = [
+            [way_to(axis, value) - way_to(axis, self.best[axis.name]) for value in values]
+            for axis, values in zip(self.axes, self.points.T.tolist(), strict=True)
         ]
-        near = (np.abs(ways).max(axis=0) <= _NEAR) & np.isfinite(self.objectives)
+        near = (np.abs(off).max(axis=0) <= _NEAR) & np.isfinite(self.objectives)
         if (count := int(near.sum())) < _FEW:
             return None
         values = self.objectives[near]
@@ -287,6 +285,8 @@ class Design(JudgedView):
         dict
             The content of design.json: "best" by parameter, "objective", "trade_off" and "evaluations"; SI units.
         """
+        places = {"places": [{**where, "objective": value} for where, value in self.places]}
+        near = self.nearby and dict(zip(("count", "median", "worst"), self.nearby, strict=True))
         return {
             "method": "design",
             **self._judgement(),
@@ -294,17 +294,11 @@ class Design(JudgedView):
             "unit": self.quantity.unit,
             "maximised": self.options.maximise,
             "best": self.best,
-            **(
-                {"places": [{**where, "objective": value} for where, value in self.places]}
-                if self.places
-                else {}
-            ),
+            **(places if self.places else {}),
             "objective": self.objective,
             "as_given": self.given,
             "trade_off": [{ADDED_MASS: mass, "objective": value} for mass, value in self.trade_off],
-            "nearby": None
-            if self.nearby is None
-            else dict(zip(("count", "median", "worst"), self.nearby, strict=True)),
+            "nearby": near,
             "evaluations": self.evaluations,
             "simulations": self.simulations,
             "diverged": self.diverged,
@@ -364,10 +358,10 @@ def trade_off_rows(design: Design) -> Rows:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What designs are judged by: variants of a structure at each level, for each of `drawn` sets of coefficients."""
+    """What designs are judged by: what makes their comparisons at each level, for each of `drawn` sets of coefficients."""
 
     axes: tuple[DesignAxis, ...]
-    levels: tuple[Variants, ...]
+    levels: tuple[Callable[[Mapping[str, float]], Comparison], ...]
     drawn: tuple[Mapping[str, float], ...]
     quantity: AbsorptionQuantity
     options: DesignOptions
@@ -386,13 +380,12 @@ class _Problem:
         diverged, closure = np.zeros(len(named)), np.zeros(len(named))
         asked = {self.quantity.name, *limits} - {ADDED_MASS}
         simulated = _SIMULATED if RESONANCE in asked else 1.0
-        for number, (factor, variants) in enumerate(zip(self.options.levels, self.levels, strict=True)):
-            comparisons = [variants.at({**draw, **values}) for values in named for draw in self.drawn]
+        for number, (factor, at) in enumerate(zip(self.options.levels, self.levels, strict=True)):
+            comparisons = [at({**draw, **values}) for values in named for draw in self.drawn]
             masses = np.array([_added_mass(own) for own in comparisons]).reshape(len(named), -1).max(axis=1)
             share = part(progress, number / len(self.levels), (number + 1) / len(self.levels))
-            ensemble = run_ensemble(
-                comparisons, workers=self.options.workers, progress=part(share, 0.0, simulated)
-            )
+            runs = part(share, 0.0, simulated)
+            ensemble = run_ensemble(comparisons, workers=self.options.workers, progress=runs)
             column = {name: ensemble.column(name) for name in asked - {RESONANCE}}
             if self.resonance is not None and RESONANCE in asked:
                 structures = [own.structure for own in comparisons]
@@ -418,19 +411,14 @@ class _Problem:
             over_draws = losses.mean(axis=2)
         else:
             over_draws = np.quantile(losses, self.options.quantile, axis=2, method="higher")
-        return np.asarray(
-            over_draws.max(axis=0) if self.options.over_levels == "worst" else over_draws.mean(axis=0)
-        )
+        worst = self.options.over_levels == "worst"
+        return np.asarray(over_draws.max(axis=0) if worst else over_draws.mean(axis=0))
 
 
 def _added_mass(comparison: Comparison) -> float:
     carried = {sink.mass for sink in comparison.sinks}
-    names = comparison.structure.mass_names
-    return sum(
-        float(value)
-        for name, value in zip(names, comparison.structure.mass_values, strict=True)
-        if name in carried
-    )
+    masses = zip(comparison.structure.mass_names, comparison.structure.mass_values.tolist(), strict=True)
+    return float(sum(value for name, value in masses if name in carried))
 
 
 def design(
@@ -554,10 +542,8 @@ def _searched(
     sign = -1.0 if options.maximise else 1.0
     values = dict(zip(over, search.values(search.ways[best : best + 1])[0].tolist(), strict=True))
     objectives = np.where(np.isinf(search.loss), np.nan, sign * search.loss)
-    absorption = compare(
-        Variants.of(comparison.structure, comparison, list(over)).at(values), part(progress, 0.95, 1.0)
-    )
-    resonance = problem.resonance
+    at, resonance = variants(comparison.structure, comparison, list(over)), problem.resonance
+    absorption = compare(at(values), part(progress, 0.95, 1.0))
     return Design(
         structure=subject.with_values(values),
         axes=problem.axes,
@@ -630,14 +616,12 @@ def _problem(
     for factor in options.levels:
         scaled = replace(fixed, excitation=_scaled(fixed.excitation, float(factor)))
         at_level = comparison if factor == 1.0 else comparison_at(structure, middle, scaled)
-        levels.append(Variants.of(equipped, replace(at_level, times=comparison.times), varied))
+        levels.append(variants(equipped, replace(at_level, times=comparison.times), varied))
     # errors of a bound come before the work
-    ends = [
-        levels[0].at({axis.name: bound(axis) for axis in axes})
-        for bound in (attrgetter("low"), attrgetter("high"))
-    ]
-    mass_varies = _added_mass(ends[0]) != _added_mass(ends[1])
-    problem = _Problem(axes, tuple(levels), drawn, quantities[name], options, mass_varies, resonance)
+    ends = ({axis.name: getattr(axis, end) for axis in axes} for end in ("low", "high"))
+    lightest, heaviest = (_added_mass(levels[0](values)) for values in ends)
+    varies = lightest != heaviest
+    problem = _Problem(axes, tuple(levels), drawn, quantities[name], options, varies, resonance)
     return problem, comparison
 
 

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.absorption.absorb import Comparison
+from linkwise.absorption.absorb import Comparison, without_sinks
 from linkwise.absorption.motion import (
     Decay,
     Potentials,
@@ -107,41 +107,38 @@ class BaselineQuantities:
 
 def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
     """The quantities that `quantity_values` returns, in order."""
-    percent = f"{100.0 * comparison.options.settle:g} %"
-    quantities = [
-        AbsorptionQuantity("settled", "s", f"settling time (below {percent})", True),
-        AbsorptionQuantity("settled_without", "s", f"settling time without sinks (below {percent})", True),
-        AbsorptionQuantity("rms_reduction", "", "RMS reduction"),
-        AbsorptionQuantity("peak_reduction", "", "peak reduction"),
-        AbsorptionQuantity("sinks_share", "", "energy dissipated by the sinks"),
-        AbsorptionQuantity("crossings", "", "well crossings"),
-        AbsorptionQuantity("remaining", "", "energy left at the end", True),
-        AbsorptionQuantity("closure", "", "error of the energy balance", True),
+    structure, primaries = comparison.structure, comparison.primaries
+    links = [sink.link for sink in comparison.sinks]
+    below = f"(below {100.0 * comparison.options.settle:g} %)"
+    rows = [
+        ("settled", "s", f"settling time {below}", True),
+        ("settled_without", "s", f"settling time without sinks {below}", True),
+        ("rms_reduction", "", "RMS reduction", False),
+        ("peak_reduction", "", "peak reduction", False),
+        ("sinks_share", "", "energy dissipated by the sinks", False),
+        ("crossings", "", "well crossings", False),
+        ("remaining", "", "energy left at the end", True),
+        ("closure", "", "error of the energy balance", True),
     ]
-    if len(comparison.primaries) > 1:
-        for name in comparison.primaries:
-            quantities.append(AbsorptionQuantity(f"settled:{name}", "s", f"settling time of {name}", True))
-            quantities.append(AbsorptionQuantity(f"rms_reduction:{name}", "", f"RMS reduction of {name}"))
-            quantities.append(AbsorptionQuantity(f"peak_reduction:{name}", "", f"peak reduction of {name}"))
-    for host in comparison.structure.hosts:
-        title = f"reduction of the mean energy in {host.name}"
-        quantities.append(AbsorptionQuantity(f"energy_reduction:{host.name}", "", title))
-    for name in dissipators(comparison.structure):
+    for name in primaries if len(primaries) > 1 else ():
+        rows.append((f"settled:{name}", "s", f"settling time of {name}", True))
+        rows.append((f"rms_reduction:{name}", "", f"RMS reduction of {name}", False))
+        rows.append((f"peak_reduction:{name}", "", f"peak reduction of {name}", False))
+    for name in (host.name for host in structure.hosts):
+        rows.append((f"energy_reduction:{name}", "", f"reduction of the mean energy in {name}", False))
+    for name in dissipators(structure):
         others = name not in comparison.absorbing
-        quantities.append(AbsorptionQuantity(f"share:{name}", "", f"energy dissipated by {name}", others))
-    for link in (sink.link for sink in comparison.sinks):
-        quantities.append(AbsorptionQuantity(f"crossings:{link}", "", f"well crossings of {link}"))
+        rows.append((f"share:{name}", "", f"energy dissipated by {name}", others))
+    rows += [(f"crossings:{link}", "", f"well crossings of {link}", False) for link in links]
     for link in comparison.options.harvesters or ():
-        title = f"average power of the harvester on {link}"
-        quantities.append(AbsorptionQuantity(f"power:{link}", "W", title))
-    if len(units := {unit_in(comparison.structure, f"x:{name}") for name in comparison.primaries}) == 1:
+        rows.append((f"power:{link}", "W", f"average power of the harvester on {link}", False))
+    if len(units := {unit_in(structure, f"x:{name}") for name in primaries}) == 1:
         (unit,) = units
-        quantities.append(AbsorptionQuantity("peak", unit, "largest excursion", True))
-        quantities.append(AbsorptionQuantity("rms", unit, "RMS excursion", True))
-    for link in (sink.link for sink in comparison.sinks):
-        unit = comparison.structure.link(link).law.motion_units[0]
-        quantities.append(AbsorptionQuantity(f"stroke:{link}", unit, f"largest elongation of {link}", True))
-    return tuple(quantities)
+        rows += [("peak", unit, "largest excursion", True), ("rms", unit, "RMS excursion", True)]
+    for link in links:
+        unit = structure.link(link).law.motion_units[0]
+        rows.append((f"stroke:{link}", unit, f"largest elongation of {link}", True))
+    return tuple(AbsorptionQuantity(*row) for row in rows)
 
 
 def quantity_values(
@@ -202,33 +199,28 @@ def _strokes(comparison: Comparison, vibration: Vibration) -> dict[str, Floats]:
     return {f"stroke:{sink.link}": peak for sink, peak in zip(comparison.sinks, peaks, strict=True)}
 
 
-@dataclass(frozen=True, eq=False)
-class Variants:
-    """Comparisons like `comparison` of structures that differ from `structure`, harvesters included, in some parameters.
-
-    With `same_baseline` none of the parameters is part of the structure without sinks, which is then built once.
+def variants(
+    structure: Structure, comparison: Comparison, names: Sequence[str]
+) -> Callable[[Mapping[str, float]], Comparison]:
+    """What makes comparisons like `comparison` of structures that differ from `structure`, harvesters included, in the
+    coefficients, masses and releases called `names`, of their values; they share the baseline that no such value changes.
     """
+    changes = any(_changes_baseline(comparison, structure, name) for name in names)
 
-    structure: Structure
-    comparison: Comparison
-    same_baseline: bool
-
-    @classmethod
-    def of(cls, structure: Structure, comparison: Comparison, names: Sequence[str]) -> Variants:
-        """Variants in the parameters `names`: coefficients, masses and releases."""
-        changes = any(_changes_baseline(comparison, structure, name) for name in names)
-        return cls(structure, comparison, not changes)
-
-    def at(self, values: Mapping[str, float]) -> Comparison:
-        """The comparison with these values of the parameters."""
+    def at(values: Mapping[str, float]) -> Comparison:
         numbers = {name: value for name, value in values.items() if ":" not in name}
         release = {name: value for name, value in values.items() if ":" in name}
-        excitation = self.comparison.options.excitation
-        if release:
-            excitation = replace(excitation, release={**excitation.release, **release})
-        structure = self.structure.with_values(numbers) if numbers else self.comparison.structure
-        baseline = self.comparison.baseline if self.same_baseline else None
-        return self.comparison.of_variant(structure, excitation, baseline)
+        own, drive = comparison.options, comparison.options.excitation
+        drive = replace(drive, release={**drive.release, **release}) if release else drive
+        varied = structure.with_values(numbers) if numbers else comparison.structure
+        baseline = comparison.baseline
+        if changes:
+            baseline = without_sinks(varied, comparison.sinks, drive, own.without)
+        return replace(
+            comparison, structure=varied, baseline=baseline, options=replace(own, excitation=drive)
+        )
+
+    return at
 
 
 def _changes_baseline(comparison: Comparison, structure: Structure, name: str) -> bool:
@@ -355,9 +347,9 @@ def _baseline(
 ) -> BaselineQuantities:
     """The vibration without sinks."""
     schedules = [comparison.baseline_schedule for comparison in comparisons]
-    first = comparisons[0]
-    values = np.full((4, len(first.primaries), len(comparisons)), np.nan)
-    energy = np.full((len(first.structure.hosts), len(comparisons)), np.nan)
+    first, count = comparisons[0], len(comparisons)
+    values = np.full((4, len(first.primaries), count), np.nan)
+    energy = np.full((len(first.structure.hosts), count), np.nan)
 
     def collect(vibration: Vibration, potentials: Potentials, numbers: Indices) -> None:
         runs = vibration.runs

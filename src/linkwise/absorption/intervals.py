@@ -8,7 +8,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from linkwise.absorption.absorb import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
-from linkwise.absorption.ensemble import AbsorptionQuantity, Ensemble, Variants, run_ensemble
+from linkwise.absorption.ensemble import AbsorptionQuantity, run_ensemble, variants
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
 from linkwise.absorption.sinks import with_harvesters
 from linkwise.arrays import Floats, finite
@@ -19,7 +19,7 @@ from linkwise.estimates.uncertainty import Posterior
 from linkwise.progress import Progress, part, silent
 from linkwise.verdict import UNGRADED, Basis, Verdict
 
-COVERED = 0.95
+_TAIL = 0.5 * (1.0 - 0.95)  # of the draws, beyond either end of an interval
 _LEAST_COMPLETED = 0.9  # of the draws
 
 
@@ -228,9 +228,10 @@ def absorption_intervals(
     comparison = Comparison.of(posterior.structure, options_given(AbsorptionOptions.of, options, keywords))
     absorption = compare(comparison, part(progress, 0.0, 0.1))
     equipped = with_harvesters(posterior.structure, comparison.options.harvesters or {})
-    variants = Variants.of(equipped, comparison, posterior.names)
-    sets = posterior.draws(draws, seed).tolist()
-    drawn = [variants.at(dict(zip(posterior.names, row, strict=True))) for row in sets]
+    at = variants(equipped, comparison, posterior.names)
+    drawn = [
+        at(dict(zip(posterior.names, row, strict=True))) for row in posterior.draws(draws, seed).tolist()
+    ]
     identified_values = run_ensemble([comparison], one_by_one=True).values[0]
     ensemble = run_ensemble(drawn, envelopes=True, workers=workers, progress=part(progress, 0.1, 1.0))
     completed = ensemble.completed
@@ -239,7 +240,9 @@ def absorption_intervals(
             f"the motion of {int(np.sum(~completed))} of {draws} draws diverges: the identified structure may be unstable "
             "within its uncertainty; measure for longer, or with less noise"
         )
-    lower, upper = _envelope_bounds(ensemble)
+    assert ensemble.envelopes is not None
+    shares = [100.0 * _TAIL, 100.0 * (1.0 - _TAIL)]
+    lower, upper = np.percentile(ensemble.envelopes[..., completed], shares, axis=2).astype(float)
     columns = zip(ensemble.quantities, identified_values, ensemble.values[completed].T, strict=True)
     return AbsorptionIntervals(
         absorption=absorption,
@@ -254,21 +257,12 @@ def absorption_intervals(
     )
 
 
-def _envelope_bounds(ensemble: Ensemble) -> tuple[Floats, Floats]:
-    assert ensemble.envelopes is not None
-    tail = 100.0 * 0.5 * (1.0 - COVERED)
-    completed = ensemble.envelopes[..., ensemble.completed]
-    lower, upper = np.percentile(completed, [tail, 100.0 - tail], axis=2)
-    return np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-
-
 def _interval(quantity: AbsorptionQuantity, value: float, drawn: Floats) -> QuantityInterval:
     """The quantiles of the draws; a missing value, of what never happens, is larger than all others."""
-    tail = 0.5 * (1.0 - COVERED)
     missing = int(np.sum(np.isnan(drawn)))
     ranked = np.sort(np.where(np.isnan(drawn), np.inf, drawn))
     last = len(ranked) - 1
-    lower, upper = ranked[[int(np.floor(tail * last)), int(np.ceil((1.0 - tail) * last))]]
+    lower, upper = ranked[[int(np.floor(_TAIL * last)), int(np.ceil((1.0 - _TAIL) * last))]]
     return QuantityInterval(quantity, finite(value), finite(lower), finite(upper), missing)
 
 

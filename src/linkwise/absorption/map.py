@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.absorption.absorb import AbsorptionKeywords, AbsorptionOptions, Comparison
-from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, run_ensemble
+from linkwise.absorption.ensemble import AbsorptionQuantity, run_ensemble, variants
 from linkwise.absorption.result import Rows, closure_verdict
 from linkwise.absorption.sinks import SUFFIX, find_sinks, with_harvesters
 from linkwise.arrays import Bools, Floats
@@ -307,8 +307,8 @@ def absorption_map(
     middle = {axis.name: float(axis.values[len(axis.values) // 2]) for axis in axes}
     comparison = comparison_at(structure, middle, chosen)
     progress(ProgressReport(0.0, f"preparing {len(points)} runs"))
-    variants = Variants.of(equipped, comparison, names)
-    comparisons = [variants.at(dict(zip(names, point, strict=True))) for point in points]
+    at = variants(equipped, comparison, names)
+    comparisons = [at(dict(zip(names, point, strict=True))) for point in points]
     ensemble = run_ensemble(comparisons, workers=workers, progress=progress)
     if not ensemble.completed.any():
         raise LinkwiseError(

@@ -524,10 +524,10 @@ class Vibration:
         return np.sqrt(self.decay.mean_square)
 
 
-def reduction(with_sinks: Floats, without: Floats) -> Floats:
+def reduction(with_sinks: Floats | float, without: Floats | float) -> Floats:
     """The relative reduction by the sinks; NaN if there is nothing to reduce."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(without > 0.0, 1.0 - with_sinks / without, np.nan))
+        return np.where(np.greater(without, 0.0), 1.0 - np.divide(with_sinks, without), np.nan)
 
 
 def comparable(without: Floats, units: Collection[str]) -> Floats:

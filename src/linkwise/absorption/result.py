@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.absorption.motion import comparable
+from linkwise.absorption.motion import comparable, reduction
 from linkwise.absorption.sinks import Sink, damping_unit, dissipators, host_energy, place_motion
 from linkwise.analysis.rest_positions import hilltop_finding
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, finite
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
 from linkwise.model.coefficient import index_of
 from linkwise.model.structure import Structure
@@ -82,12 +82,12 @@ class MassChange:
     @property
     def peak_reduction(self) -> float | None:
         """The relative reduction of the peak by the sinks; None if the mass does not move without them."""
-        return relative_reduction(self.with_sinks.peak, self.without.peak)
+        return finite(float(reduction(self.with_sinks.peak, self.without.peak)))
 
     @property
     def rms_reduction(self) -> float | None:
         """The relative reduction of the RMS by the sinks; None if the mass does not move without them."""
-        return relative_reduction(self.with_sinks.rms, self.without.rms)
+        return finite(float(reduction(self.with_sinks.rms, self.without.rms)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,17 +292,6 @@ class Harvest:
     expression: str | None = None
 
 
-def relative_reduction(with_sinks: float, without: float) -> float | None:
-    """By how much sinks reduce a quantity, as a part of it without them; None where it is 0 without them."""
-    return 1.0 - with_sinks / without if without > 0.0 else None
-
-
-def mass_document(mass: MassChange) -> dict[str, Any]:
-    """A mass as plain data."""
-    own = {key: value for key, value in asdict(mass).items() if key != "name"}
-    return {**own, "peak_reduction": mass.peak_reduction, "rms_reduction": mass.rms_reduction}
-
-
 def energy_document(run: AbsorptionRun) -> dict[str, Any]:
     """The energies of a run as plain data."""
     return {
@@ -392,8 +381,7 @@ class Absorption(JudgedView):
         """
         both = np.array([(mass.with_sinks.rms, mass.without.rms) for mass in self.masses])
         factors = comparable(both[:, 1], [self.unit(mass.name) for mass in self.masses])
-        with_sinks, without = np.linalg.norm(factors[:, None] * both, axis=0).tolist()
-        return relative_reduction(with_sinks, without)
+        return finite(float(reduction(*np.linalg.norm(factors[:, None] * both, axis=0))))
 
     def unit(self, mass: str) -> str:
         """The SI unit of the displacement of a mass or point.
@@ -484,12 +472,18 @@ class Absorption(JudgedView):
             "energy": {key: energy_document(getattr(self, key)) for key in ("with_sinks", "without")},
             "sinks_share": self.sinks_share,
             "horizon": self.with_sinks.horizon,
-            "masses": {mass.name: mass_document(mass) for mass in self.masses},
+            "masses": {mass.name: self._mass(mass) for mass in self.masses},
             "sinks": {result.sink.link: sink_document(result) for result in self.sinks},
             "harvesters": {document.pop("link"): document for document in map(asdict, self.harvests)},
             "findings": list(self.findings),
             **self._judgement(),
         }
+
+    @staticmethod
+    def _mass(mass: MassChange) -> dict[str, Any]:
+        """A mass as plain data."""
+        own = {key: value for key, value in asdict(mass).items() if key != "name"}
+        return {**own, "peak_reduction": mass.peak_reduction, "rms_reduction": mass.rms_reduction}
 
     def __str__(self) -> str:
         blocks = ["\n".join(paragraph(sentence) for sentence in headline(self))]

@@ -139,9 +139,8 @@ class Search:
         """(E,) what is minimised: the loss, and beyond limits and the `cap` of the mass in kg what is in excess."""
         excess = np.maximum(self.excess, np.maximum(self.mass / cap - 1.0, 0.0))
         wrong = np.minimum(np.where(np.isinf(self.loss), np.maximum(excess, 1e3), excess), 1e6)
-        return np.where(
-            wrong > 0.0, _INFEASIBLE * (1.0 + wrong), np.where(np.isinf(self.loss), 0.0, self.loss)
-        )
+        loss = np.where(np.isinf(self.loss), 0.0, self.loss)
+        return np.where(wrong > 0.0, _INFEASIBLE * (1.0 + wrong), loss)
 
     def evaluate(self, ways: Floats) -> list[int]:
         """The numbers of designs (E, P), those that are new evaluated together, as far as the budget goes."""
@@ -165,10 +164,6 @@ class Search:
         numbers = self.evaluate(ways)
         return self.merit(cap)[numbers]
 
-    def screen(self, count: int) -> None:
-        """Evaluate the next points of the sequence."""
-        self.evaluate(self.sequence.random(count))
-
     def evolve(self, until: int, cap: float = np.inf) -> None:
         """Let the best designs so far evolve until the population has converged or there are `until` designs."""
         size = max(LEAST, _POPULATION * len(self.problem.axes))
@@ -187,7 +182,7 @@ class Search:
         varied = self.problem.mass_varies
         main = round(self.budget * (1.0 - _OF_TRADE_OFF)) if varied else self.budget
         while (left := main - len(self.ways)) > 0:
-            self.screen(min(left, max(LEAST, round(_SCREENED * left))))
+            self.evaluate(self.sequence.random(min(left, max(LEAST, round(_SCREENED * left)))))
             self.evolve(main)
         if varied:
             low, best = float(self.mass.min()), float(self.mass[np.argmin(self.merit())])

@@ -81,9 +81,8 @@ def placed(structure: Structure, places: Places) -> Iterator[tuple[dict[str, str
     hosts = {name: find_sinks(structure, (name,))[0].host for name in places}
 
     def moved(link: Link, where: Mapping[str, str]) -> Link:
-        first, second = (
-            where.get(link.name, end) if end == hosts.get(link.name) else end for end in link.between
-        )
+        host = hosts.get(link.name)
+        first, second = (where[link.name] if end == host else end for end in link.between)
         return replace(link, between=(first, second))
 
     for chosen in product(*places.values()):
@@ -112,7 +111,8 @@ def _bistable_links(structure: Structure) -> list[str]:
 def _sink(structure: Structure, name: str) -> Sink:
     ends = structure.link(name).between
     masses = [end for end in ends if end in structure.mass_names]
-    leaves = [end for end in masses if _neighbours(structure, end) == set(ends) - {end}]
+    linked = {end: [link.between for link in structure.links if end in link.between] for end in masses}
+    leaves = [end for end, pairs in linked.items() if all(set(pair) == set(ends) for pair in pairs)]
     if not masses:
         return Sink(name, None, ends[1] if ends[0] in structure.points else ends[0])
     if len(masses) == 1:
@@ -121,12 +121,6 @@ def _sink(structure: Structure, name: str) -> Sink:
     candidates = leaves if len(leaves) == 1 else masses
     mass = min(candidates, key=lambda end: float(structure.mass_values[structure.mass_names.index(end)]))
     return Sink(name, mass, next(end for end in ends if end != mass))
-
-
-def _neighbours(structure: Structure, mass: str) -> set[str]:
-    """What a mass is linked to."""
-    links = [link.between for link in structure.links if mass in link.between]
-    return {end for between in links for end in between if end != mass}
 
 
 def place_motion(structures: Sequence[Structure], x: Floats, places: Sequence[str]) -> Floats:
@@ -176,11 +170,11 @@ def host_energy(structure: Structure, host: Host, x: Floats, v: Floats) -> Float
 
 def mean_host_energies(structures: Sequence[Structure], x: Floats, v: Floats) -> Floats:
     """(H, W) J: mean energies over the samples in the hosts of W structures of one shape, `x` and `v` (N, n, W)."""
-    means = np.zeros((len(structures[0].hosts), len(structures)))
-    for run, structure in enumerate(structures):
-        for row, host in enumerate(structure.hosts):
-            means[row, run] = host_energy(structure, host, x[..., run], v[..., run]).mean()
-    return means
+    means = [
+        [host_energy(one, host, x[..., run], v[..., run]).mean() for host in one.hosts]
+        for run, one in enumerate(structures)
+    ]
+    return np.array(means).T
 
 
 SUFFIX = "-harvester"
@@ -199,8 +193,8 @@ def with_harvesters(structure: Structure, harvesters: Harvesters) -> Structure:
         link = structure.link(name)
         if isinstance(damping, str):
             continue
-        if not (np.isfinite(damping) and damping > 0.0):
-            message = f"the damping of a harvester must be positive, got {damping!r} {damping_unit(structure.link(name))}"
+        if not 0.0 < damping < np.inf:
+            message = f"the damping of a harvester must be positive, got {damping!r} {damping_unit(link)}"
             raise StructureError(message, f'link "{name}"')
         added.append(Link(f"{name}{SUFFIX}", link.between, Law.parse("c*v"), {"c": damping}))
     return replace(structure, links=(*structure.links, *added)) if added else structure

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -185,14 +186,8 @@ def _progress_bar(title: str) -> Iterator[Progress]:
 
     Until the first call the bar only shows that there is life.
     """
-    columns = (
-        bars.SpinnerColumn(),
-        bars.TextColumn("{task.description}"),
-        bars.BarColumn(),
-        bars.TimeElapsedColumn(),
-    )
+    text = bars.TextColumn("{task.description}")
+    columns = bars.SpinnerColumn(), text, bars.BarColumn(), bars.TimeElapsedColumn()
     with bars.Progress(*columns, console=terminal.Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda report: bar.update(
-            task, total=1.0, completed=report.fraction, description=report.activity
-        )
+        show = partial(bar.update, bar.add_task(title, total=None), total=1.0)
+        yield lambda report: show(completed=report.fraction, description=report.activity)

@@ -29,7 +29,6 @@ from linkwise.output import DESIGN
 from linkwise.runtime import processors
 
 EXAMPLE = "nes1.alpha=-300:-20"
-_PLACE = "nes1=m1,m3"
 
 
 @dataclass(frozen=True)
@@ -107,10 +106,8 @@ def design(
     maximise = wanted.maximise
     if wanted.minimise and maximise:
         raise UsageError("--minimise and --maximise exclude each other: name one quantity.")
-    places = {
-        link: tuple(map(str.strip, text.split(",")))
-        for link, text in pairs(wanted.place, "--place", _PLACE).items()
-    }
+    stated = pairs(wanted.place, "--place", "nes1=m1,m3").items()
+    places = {link: tuple(map(str.strip, text.split(","))) for link, text in stated}
     over = ranges(wanted.vary, "--vary", EXAMPLE, "LOW:HIGH")
     factors = tuple(number(text, "--levels", "0.5,1,2") for text in wanted.levels.split(","))
     place = None if delivery.output is None else delivery.output.resolve()

@@ -67,9 +67,8 @@ class PriorOptions:
                 f'Give every mass by name, as in --mass {EXAMPLE} --mass "m2=10 g" (ratios will do for forces in '
                 "those units), in the table [mass] of a file with --mapping, or in a file with --structure."
             )
-        return dict(mapping.masses) | {
-            name: mass_value(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()
-        }
+        stated = pairs(self.mass, "--mass", EXAMPLE).items()
+        return dict(mapping.masses) | {name: mass_value(name, text) for name, text in stated}
 
 
 def mass_value(name: str, text: str) -> float | str:

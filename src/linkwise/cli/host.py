@@ -120,16 +120,15 @@ def host(
     if output is not None and any(output.resolve() == file.resolve() for file in files):
         raise UsageError(f"-o {output} would overwrite the file that is read; choose another file.")
     if output is not None and output.exists() and not _holds_hosts_alone(output):
-        raise UsageError(
-            f"-o {output} is there already and holds more than hosts, which would be lost; choose another."
-        )
+        held = "is there already and holds more than hosts, which would be lost"
+        raise UsageError(f"-o {output} {held}; choose another.")
     if modes is None:
         _refuse(context, _OF_RECORDS, "{} is for records of a test: give --modes with it.")
     title = options["name"] or files[0].stem
-    stated = {kind: options[f"{kind}_sigma"] for kind in ("frequency", "damping", "shape")}
-    sigmas: dict[str, Any] = {
-        kind: 0.01 * percentage(text, f"--{kind}-sigma", "2%") for kind, text in stated.items() if text
-    }
+    sigmas: dict[str, Any] = {}
+    for kind in ("frequency", "damping", "shape"):
+        if text := options[f"{kind}_sigma"]:
+            sigmas[kind] = 0.01 * percentage(text, f"--{kind}-sigma", "2%")
     estimate = None
     if modes is not None:
         _refuse(context, _NOT_OF_RECORDS, "{} is for modes or matrices, and --modes for records of a test.")
@@ -169,11 +168,11 @@ def _holds_hosts_alone(path: Path) -> bool:
 def _tell_of_damping(new_host: lw.Host) -> None:
     """Say that a mode does not oscillate, as where a ratio was given in per cent."""
     for number, mode in enumerate(new_host.modes, start=1):
-        if mode.damping.value is not None and mode.damping.value >= 1.0:
-            note(
-                f"mode {number} does not oscillate: its damping ratio is {mode.damping.value:g}, of which 1 is "
-                f"critical; {mode.damping.value:g} % is {mode.damping.value / 100.0:g}"
+        if (ratio := mode.damping.value or 0.0) >= 1.0:
+            still = (
+                f"mode {number} does not oscillate: its damping ratio is {ratio:g}, of which 1 is critical"
             )
+            note(f"{still}; {ratio:g} % is {ratio / 100.0:g}")
             return
 
 

@@ -118,9 +118,8 @@ def _estimator(
     further, method = stated({"more": chosen.more}), chosen.method
     for name, options in given.items():
         if name != method and (typed_options := {**(further if name == "ml" else {}), **options}):
-            raise UsageError(
-                f"{option_name(next(iter(typed_options)))} is for --method {name}, not for {method}."
-            )
+            flag = option_name(next(iter(typed_options)))
+            raise UsageError(f"{flag} is for --method {name}, not for {method}.")
     if method != "ml":
         source.refuse_unknown_errors()
     return METHODS.lookup(method)(**source.beside_errors(given.get(method, {})))

@@ -53,14 +53,10 @@ class RecordsOptions(ReadingOptions):
         if self.mapping is not None:
             message = "--write-mapping writes a first mapping file, and --mapping names one: leave one out."
             raise UsageError(message)
-        for guess in files.write_first_mapping(
-            self.records[0], self.write_mapping, self.record_mapping().header
-        ):
-            note(guess)
-        options = replace(self, mapping=self.write_mapping)
-        tell(
-            f"a mapping file was written to {self.write_mapping}: edit it, then give --mapping {self.write_mapping}"
-        )
+        written, header = self.write_mapping, self.record_mapping().header
+        note(*files.write_first_mapping(self.records[0], written, header))
+        options = replace(self, mapping=written)
+        tell(f"a mapping file was written to {written}: edit it, then give --mapping {written}")
         mapped = options.record_mapping().channels
         return options if any(not name.startswith("time") for name in mapped) else None
 

@@ -80,10 +80,8 @@ def percentage(text: str, flag: str, example: str) -> float:
     if rest:
         raise UsageError(f"{flag} takes a percentage, such as {example}, got {text!r}.")
     if not sign:
-        raise UsageError(
-            f"{flag} takes a percentage with its sign, such as {example}, got {text!r}: is it {number}% or "
-            f"{100.0 * value:g}%?"
-        )
+        meant = f"is it {number}% or {100.0 * value:g}%?"
+        raise UsageError(f"{flag} takes a percentage with its sign, such as {example}, got {text!r}: {meant}")
     return value
 
 
@@ -109,10 +107,10 @@ def ranges(
     """Repeated `NAME=FROM:TO`, or with the ends called otherwise in `form`; anything else is wrong usage."""
     found = {}
     for name, text in pairs(texts, option, example).items():
-        ends = text.split(":")
-        if len(ends) != 2:
+        if text.count(":") != 1:
             raise UsageError(f"{option}: {text!r} is not {form}, as in {option} {example}.")
-        found[name] = (number(ends[0], option, example), number(ends[1], option, example))
+        low, high = (number(end, option, example) for end in text.split(":"))
+        found[name] = (low, high)
     return found
 
 
@@ -125,9 +123,8 @@ def described(kind: type) -> dict[str, str]:
     """What the docstrings of a class and its bases say of each parameter, as plain text."""
     texts: dict[str, str] = {}
     for part in reversed(kind.__mro__):
-        section = re.search(
-            r"Parameters\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", cleandoc(part.__doc__ or ""), re.DOTALL
-        )
+        text = cleandoc(part.__doc__ or "")
+        section = re.search(r"Parameters\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", text, re.DOTALL)
         entries = re.findall(r"^(\S.*?) : .*\n((?:    .*\n?)+)", section[1] if section else "", re.MULTILINE)
         for names, text in entries:
             plain = " ".join(text.split()).replace("`", "").replace("()", "")
@@ -268,22 +265,20 @@ def _method_option(field: Field[Any], text: str) -> Callable[[Any], Any]:
     METHOD_FLAGS[field.name] = f"{flag} {'|'.join(about.get('choices', ())) or about['typed']}".rstrip()
     keywords: dict[str, Any] = {"help": f"{text}{' Repeatable.' if repeatable else ''}"}
     if field.default is MISSING and field.default_factory is MISSING:
-        keywords |= {"required": True}
+        keywords["required"] = True
     if not about["typed"]:
-        keywords |= {"is_flag": True, "default": None}
-    elif "choices" in about:
-        keywords |= _choice(about["choices"])
-    elif "=" in about["typed"]:
+        return click.option(flag, field.name, is_flag=True, default=None, **keywords)
+    if "choices" in about:
+        return click.option(flag, field.name, **_choice(about["choices"]), **keywords)
+    if "=" in about["typed"]:
         keywords |= {"callback": _pairs(about), "multiple": True}
     elif repeatable:
         keywords |= {"callback": comma_separated, "multiple": True}
     elif "float" in str(field.type):
-        keywords |= {"type": float}
+        keywords["type"] = float
     elif str(field.type).startswith("int"):
-        keywords |= {"type": int}
-    if about["typed"] and "choices" not in about:
-        keywords |= {"metavar": about["typed"]}
-    return click.option(flag, field.name, **keywords)
+        keywords["type"] = int
+    return click.option(flag, field.name, metavar=about["typed"], **keywords)
 
 
 def _choice(choices: Registry[Any] | Mapping[str, Any]) -> dict[str, Any]:

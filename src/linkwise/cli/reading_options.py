@@ -159,9 +159,9 @@ class ReadingOptions:
             elif mass != "unknown":
                 own, stated = structure.mass(name), lw.Mass(name, *rotations.mass_in_si(mass))
                 if own.mass.known and (own.mass.value, own.unit) != (stated.mass.value, stated.unit):
+                    there, here = (f"{one.mass.value} {one.mass_unit}" for one in (stated, own))
                     sentences.append(
-                        f"{name} weighs {stated.mass.value} {stated.mass_unit} in the mapping file and {own.mass.value} "
-                        f"{own.mass_unit} in the structure, which counts."
+                        f"{name} weighs {there} in the mapping file and {here} in the structure, which counts."
                     )
         return sentences
 
@@ -218,28 +218,18 @@ class ReadingOptions:
         for name, (file, column) in self._columns().items():
             if file is not None:
                 elsewhere.setdefault(file, {})[name] = column
-        named = {file: {_channel(name) for name in columns} for file, columns in elsewhere.items()}
-        theirs = {name for names in named.values() for name in names}
+        theirs = {_channel(name) for columns in elsewhere.values() for name in columns}
         sensors = dict(whole.sensors)
         for name, sensor in whole.sensors.items():
             if sensor.delay is not None:
                 sensors[name] = replace(sensor, delay=lw.records.StatedError(0.0, sensor.delay.sigma))
-        mappings: dict[Path | None, lw.files.RecordMapping] = {
-            None: replace(
-                whole,
-                decimate=None,
-                channels={
-                    key: column for key, column in whole.channels.items() if _channel(key) not in theirs
-                },
-                sensors={name: sensor for name, sensor in sensors.items() if name not in theirs},
-            )
-        }
-        for file, columns in elsewhere.items():
-            mappings[file] = replace(
-                mappings[None],
-                channels=columns,
-                sensors={name: sensor for name, sensor in sensors.items() if name in named[file]},
-            )
+        columns = {key: column for key, column in whole.channels.items() if _channel(key) not in theirs}
+        own = {name: sensor for name, sensor in sensors.items() if name not in theirs}
+        mapping = replace(whole, decimate=None, channels=columns, sensors=own)
+        mappings: dict[Path | None, lw.files.RecordMapping] = {None: mapping}
+        for file, named in elsewhere.items():
+            own = {name: sensor for name, sensor in sensors.items() if name in map(_channel, named)}
+            mappings[file] = replace(mapping, channels=named, sensors=own)
         return mappings
 
     def _columns(self) -> dict[str, tuple[Path | None, str]]:

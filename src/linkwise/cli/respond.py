@@ -133,12 +133,8 @@ class ModeOptions:
         ends = numbers(self.to_amplitude, "--to-amplitude", _AMPLITUDE)
         if len(ends) > 1:
             raise UsageError("--to-amplitude is given for two channels; give one.")
-        return {
-            "to_amplitude": ends or None,
-            "to_energy": self.to_energy,
-            "force": self.force,
-            "show": self.show,
-        }
+        end = {"to_amplitude": ends or None, "to_energy": self.to_energy}
+        return {**end, "force": self.force, "show": self.show}
 
 
 @click.command()

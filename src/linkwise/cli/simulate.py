@@ -79,7 +79,7 @@ def _summary(record: lw.Record, output: Path) -> dict[str, Any]:
     truth = record.simulated
     assert truth is not None
     energy = truth.energy
-    scale = float(abs(energy.supplied).max())
+    scale, names = float(abs(energy.supplied).max()), [link.name for link in truth.structure.links]
     return {
         "file": str(output),
         "samples": len(record),
@@ -88,10 +88,7 @@ def _summary(record: lw.Record, output: Path) -> dict[str, Any]:
         "energy": {
             "put_in": float(energy.supplied[-1]),
             "stored": float(energy.kinetic[-1] + energy.potential[-1].sum()),
-            "dissipated": {
-                link.name: float(lost)
-                for link, lost in zip(truth.structure.links, energy.dissipated[-1], strict=True)
-            },
+            "dissipated": dict(zip(names, energy.dissipated[-1].tolist(), strict=True)),
             "closure": float(abs(energy.residual).max()) / scale if scale else 0.0,
         },
         "horizon": truth.horizon,

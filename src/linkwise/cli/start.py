@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
 from pathlib import Path
@@ -168,14 +168,14 @@ class _Test:
             return self
         self._show()
         proposed = columns.proposed_masses(self.guesses) or ("m1",)
-        options = " ".join(f"--mass {shlex.quote(f'{name}=KG')}" for name in proposed)
-        self._require_person(f"No mass is given, and a record does not state it: give {options}.")
+        missing = f"No mass is given, and a record does not state it: give {_mass_options(proposed)}."
+        self._require_person(missing)
         names = _ask("Names of the masses", ", ".join(proposed), str).split(",")
-        masses: dict[str, float | str] = {}
-        for name in map(str.strip, names):
-            question = f'Mass of {name}: kg, a unit, or "unknown"'
-            masses[name] = _ask(question, None, partial(mass_value, name))
-        return replace(self, masses=masses)
+        question = 'Mass of {}: kg, a unit, or "unknown"'
+        asked = ((name, question.format(name)) for name in map(str.strip, names))
+        return replace(
+            self, masses={name: _ask(text, None, partial(mass_value, name)) for name, text in asked}
+        )
 
     def with_columns(self) -> _Test:
         """The test with no column in doubt but forces of which only the mass is."""
@@ -190,14 +190,12 @@ class _Test:
                 others = columns.not_numbers(self.table) or "there are no others"
                 raise self.table.error(f"no column of numbers is the motion of a mass; {others}")
         if doubtful:
-            self._require_person(
-                _of_doubts([guess for guess in self.guesses if guess.doubts] or doubtful, self.masses)
-            )
+            every = [guess for guess in self.guesses if guess.doubts]
+            self._require_person(_of_doubts(every or doubtful, self.masses))
             return self._answered(doubtful[0]).with_columns()
         if shown and not self.options.yes:
-            self._require_person(
-                "What is guessed above is not confirmed: give --yes to take it, or state columns by --channel."
-            )
+            advice = "give --yes to take it, or state columns by --channel"
+            self._require_person(f"What is guessed above is not confirmed: {advice}.")
             if _ask("Is that so? y or n", "y", str).lower().startswith("n"):
                 return reduce(_Test._answered, self.guesses, self)
         return self
@@ -205,13 +203,12 @@ class _Test:
     def _require_masses(self, channels: Sequence[Channel]) -> None:
         """UsageError where a header names a mass that is not given."""
         doubted = [guess.name for guess in self.guesses if guess.doubts]
-        places = [c.place for c in channels if c.at_place and c not in doubted]
+        places = dict.fromkeys(c.place for c in channels if c.at_place and c not in doubted)
         foreign = [place for place in places if place not in (*self.masses, BASE)]
         if foreign:
-            options = " ".join(f"--mass {shlex.quote(f'{name}=KG')}" for name in dict.fromkeys(foreign))
             raise UsageError(
-                f"The record has channels of {quoted(dict.fromkeys(foreign))}, and the masses are {quoted(self.masses)}: "
-                f"give {options}, or --leave-out the columns."
+                f"The record has channels of {quoted(foreign)}, and the masses are {quoted(self.masses)}: "
+                f"give {_mass_options(foreign)}, or --leave-out the columns."
             )
 
     def _show(self) -> bool:
@@ -246,9 +243,8 @@ class _Test:
         """The test with its sampling rate, where no column is the time and the file does not state it."""
         if self.table.rate or self.mapping.rate or any(guess.name == "time" for guess in self.guesses):
             return self
-        self._require_person(
-            "No column holds the time, and the file does not state its sampling rate: give --rate HZ."
-        )
+        missing = "No column holds the time, and the file does not state its sampling rate"
+        self._require_person(f"{missing}: give --rate HZ.")
         return replace(self, rate=_ask("Sampling rate in Hz", None, float))
 
     def with_forces(self) -> _Test:
@@ -263,9 +259,8 @@ class _Test:
         if mass is None:
             self._require_person(_of_doubts([guess], self.masses))
             return self._answered(guess).with_forces()
-        note(
-            f"{guess.label} acts on {mass}: where the force is large, its acceleration times its mass is the force."
-        )
+        evidence = "where the force is large, its acceleration times its mass is the force"
+        note(f"{guess.label} acts on {mass}: {evidence}.")
         channel = _key(replace(guess, name=Channel("force", mass)))
         return replace(self, answered={**self.answered, channel: str(guess.label)}).with_forces()
 
@@ -274,9 +269,8 @@ class _Test:
         links = dict(_named(text) for text in self.options.link)
         if links or self.options.yes:
             return links
-        self._require_person(
-            'No link is given: give each by --link "NAME: A - B: LAW", or --yes to discover them.'
-        )
+        advice = 'give each by --link "NAME: A - B: LAW", or --yes to discover them'
+        self._require_person(f"No link is given: {advice}.")
         on_base = any(guess.name.partition(":")[2] == BASE for guess in self.guesses)
         end = BASE if on_base else GROUND
         chain = zip(self.masses, [end, *self.masses], strict=False)
@@ -291,6 +285,11 @@ class _Test:
         """UsageError `otherwise`, which names the option, where nobody can be asked."""
         if self.options.yes or not _is_attended():
             raise UsageError(otherwise)
+
+
+def _mass_options(names: Iterable[str]) -> str:
+    """The options that state masses of these names."""
+    return " ".join(f"--mass {shlex.quote(f'{name}=KG')}" for name in names)
 
 
 def _is_attended() -> bool:

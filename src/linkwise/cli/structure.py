@@ -158,17 +158,10 @@ def _parsed(law: lw.model.NamedLaw) -> lw.Law:
 
 def _law_document(law: lw.model.NamedLaw) -> dict[str, Any]:
     parsed = _parsed(law)
-    return {
-        "title": law.title,
-        "law": law.law,
-        "states": {
-            key: {"rate": state.rate, "unit": parsed.state_units[key]} for key, state in law.states.items()
-        },
-        "coefficients": {
-            key: {"unit": unit, "meaning": law.coefficients[key]} for key, unit in parsed.units.items()
-        },
-        "source": law.source,
-    }
+    rates = {key: {"rate": one.rate, "unit": parsed.state_units[key]} for key, one in law.states.items()}
+    about = {key: {"unit": unit, "meaning": law.coefficients[key]} for key, unit in parsed.units.items()}
+    document = {"title": law.title, "law": law.law, "states": rates, "coefficients": about}
+    return {**document, "source": law.source}
 
 
 _ENDS = 'between: two masses or points of hosts, one of them and "ground" or "base", or on a rig "base" and "ground"'
@@ -209,12 +202,8 @@ def _rests(subject: lw.Structure) -> dict[str, Any]:
     """Stable equilibria and their modes as plain data."""
     points = lw.analysis.equilibria(subject)
     stable = [rest for rest in points if rest.stable]
-    return {
-        "stable": len(stable),
-        "unstable": len(points) - len(stable),
-        "note": points.note,
-        "first": [_rest(subject, rest) for rest in stable[:SHOWN]],
-    }
+    counts = {"stable": len(stable), "unstable": len(points) - len(stable), "note": points.note}
+    return {**counts, "first": [_rest(subject, rest) for rest in stable[:SHOWN]]}
 
 
 def _rest(subject: lw.Structure, rest: lw.analysis.Equilibrium) -> dict[str, Any]:

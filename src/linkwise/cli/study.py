@@ -105,11 +105,8 @@ def _run(study: lw.study.Study, options: RunOptions) -> None:
                 last[:] = [report]
                 step(report)
 
-            workers, scheduler = options.workers, options.scheduler
-            where = options.output
-            lw.study.run_study(
-                study, where, workers=workers, scheduler=scheduler, shard=options.shard, progress=show
-            )
+            how = {key: getattr(options, key) for key in ("workers", "scheduler", "shard")}
+            lw.study.run_study(study, options.output, progress=show, **how)
     except KeyboardInterrupt:
         done = f"{last[0].activity.partition(',')[0]} are" if last else "What was finished is"
         tell(f"{done} in {options.output}; the same command resumes it.")

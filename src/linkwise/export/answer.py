@@ -59,19 +59,19 @@ class ExportedAnswer:
     def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ExportedAnswer:
         """What an answer in any of its forms says; StructureError where a coefficient has no value."""
         given = ValidatedAnswer.of(answer)
-        posterior = given.posterior
-        names = posterior.names if posterior is not None else ()
-        covariance = posterior.covariance if posterior is not None else np.zeros((0, 0))
+        names: tuple[str, ...] = ()
+        covariance = np.zeros((0, 0))
         notes = [given.basis.remark] if given.basis.remark else []
-        if posterior is None:
+        if given.posterior is not None:
+            names, covariance = given.posterior.names, given.posterior.covariance
+        else:
             notes.append("It has no standard errors, since the answer gives none.")
         if any(host.damping for host in given.structure.hosts):
             notes.append("An end HOST.-modeN moves as minus mode N of the host: damping between modes.")
         if turning := ", ".join(given.structure.rotations):
             what = "masses there are moments of inertia in kg m^2, and links moments in N m"
             notes.append(f"Rotations in rad: {turning}; {what}.")
-        note = " ".join(notes)
-        return cls(given.structure, names, covariance, note, version("linkwise"), given.basis)
+        return cls(given.structure, names, covariance, " ".join(notes), version("linkwise"), given.basis)
 
     @property
     def quantities(self) -> dict[str, str]:

@@ -194,7 +194,7 @@ class EquationsOfMotion:
     def parameters(self) -> dict[str, float]:
         """The value of each mass and coefficient (P,), those once that are shared."""
         every = {f"{entry.owner}.{entry.name}": entry.value for entry in self.answer.coefficients}
-        left_out = {f"{name}.{MASS}" for name in self._modes} | set(self._sharing)
+        left_out = {f"{name}.{MASS}" for name in self.structure.modes} | set(self._sharing)
         return {name: value for name, value in every.items() if name not in left_out}
 
     @cached_property
@@ -213,13 +213,18 @@ class EquationsOfMotion:
     def rates(self) -> Assignments:
         """The rates of the states (D,)."""
         structure, links = self.structure, self.structure.links
-        forces = self._onto_masses([Symbol(f"f:{link.name}") for link in links])
-        for name, parts in self._driven.items():
+        onto = [
+            (f"f:{link.name}", -1.0, parts)
+            for link, parts in zip(links, structure.topology.columns, strict=True)
+        ]
+        onto += [(name, 1.0, parts) for name, parts in self._driven.items()]
+        forces: list[list[Expression]] = [[] for _ in structure.masses]
+        for name, sign, parts in onto:
             for mass, part in parts:
-                forces[mass].append(multiply(Number(part), Symbol(name)))
+                forces[mass].append(multiply(Number(sign * part), Symbol(name)))
         rates: list[Expression] = [Symbol(f"v:{mass}") for mass in structure.mass_names]
-        onto = zip(forces, self._masses, strict=True)
-        rates += [multiply(add(*parts), power(mass, -1)) for parts, mass in onto]
+        pairs = zip(forces, self._masses, strict=True)
+        rates += [multiply(add(*parts), power(mass, -1)) for parts, mass in pairs]
         rates += [Symbol(f"rate of {name}") for name in list(self.states)[2 * structure.size :]]
         return Assignments.of(self._values, {(row,): rate for row, rate in enumerate(rates)}, self._notes)
 
@@ -278,10 +283,6 @@ class EquationsOfMotion:
         values = self._values | {name: slope for name, slope in self._slopes.items() if slope != ZERO}
         return Assignments.of(values, {place: tree for place, tree in sums if tree != ZERO}, self._notes)
 
-    @property
-    def _modes(self) -> frozenset[str]:
-        return self.structure.modes
-
     @cached_property
     def _sharing(self) -> dict[str, str]:
         """The coefficient that one is equal to, by name."""
@@ -298,10 +299,8 @@ class EquationsOfMotion:
     @cached_property
     def _masses(self) -> list[Expression]:
         """The symbol of each mass (n,); of a mode the number 1."""
-        return [
-            Number(1.0) if name in self._modes else Symbol(self._leader(f"{name}.{MASS}"))
-            for name in self.structure.mass_names
-        ]
+        names, modes = self.structure.mass_names, self.structure.modes
+        return [Number(1.0) if one in modes else Symbol(self._leader(f"{one}.{MASS}")) for one in names]
 
     @cached_property
     def _driven(self) -> dict[str, Weights]:
@@ -329,8 +328,9 @@ class EquationsOfMotion:
             variables = {"d": "d", "v": "v", **_inner(link)}
             for of, tree in _laws(link).items():
                 for variable, by in variables.items():
-                    slope = substitute(differentiate(tree, variable), self._renamed(link))
-                    slopes[f"slope:{by}:{of}"] = slope
+                    slopes[f"slope:{by}:{of}"] = substitute(
+                        differentiate(tree, variable), self._renamed(link)
+                    )
         return slopes
 
     def _slope(self, of: str, by: str) -> Expression:
@@ -347,14 +347,6 @@ class EquationsOfMotion:
                 yield structure.size + mass, scale, number, f"f:{link.name}"
         for row, (number, name) in enumerate(structure.topology.states, start=2 * structure.size):
             yield row, Number(1.0), number, f"rate of state:{structure.links[number].name}.{name}"
-
-    def _onto_masses(self, forces: Sequence[Expression]) -> list[list[Expression]]:
-        """The forces of links on each mass."""
-        onto: list[list[Expression]] = [[] for _ in self.structure.masses]
-        for force, column in zip(forces, self.structure.topology.columns, strict=True):
-            for mass, part in column:
-                onto[mass].append(multiply(Number(-part), force))
-        return onto
 
     def _moved(self, kind: str, weights: Weights) -> Expression:
         names = self.structure.mass_names

@@ -39,8 +39,7 @@ def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None
     code, description = content.source(), content.description(model)
     contents = {"modelDescription.xml": description, f"sources/{model}.c": code.encode("ascii")}
     platform, suffix = _PLATFORMS.get(sys.platform, _PLATFORMS["linux"])
-    binary = _compiled(code, suffix)
-    if binary is not None:
+    if (binary := _compiled(code, suffix)) is not None:
         contents[f"binaries/{platform}/{model}{suffix}"] = binary
     with ZipFile(path, "w") as archive:
         for file, written in contents.items():
@@ -57,8 +56,7 @@ def compiler() -> str | None:
 
 def _compiled(code: str, suffix: str) -> bytes | None:
     """The shared library of the sources; None without a compiler."""
-    command = compiler()
-    if command is None:
+    if (command := compiler()) is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
         file, library = Path(folder, "model.c"), Path(folder, f"model{suffix}")
@@ -160,8 +158,7 @@ def _step(equations: EquationsOfMotion) -> float:
     """The step in s: a part of the shortest period or time constant about the initial state."""
     given = {**equations.parameters, **dict.fromkeys(equations.inputs, 0.0)}
     given |= zip(equations.states, equations.initial, strict=True)
-    size = len(equations.states)
-    matrix = np.zeros((size, size))
+    matrix = np.zeros((len(equations.states),) * 2)
     for place, value in equations.jacobian.evaluated(given).items():
         matrix[place] = value
     fastest = float(np.abs(np.linalg.eigvals(np.nan_to_num(matrix))).max())

@@ -35,14 +35,9 @@ def write_m(answer: ExportedAnswer, path: Path, name: str) -> None:
         names = identifiers((*law.variables[2:], *law.coefficients), reserved) | {"d": "d", "v": "v"}
         rates = [to_code(rate.expression, MATLAB, names) for rate in law.rates]
         links.append((link, names, to_code(law.expression, MATLAB, names), rates))
-    parts = {
-        "answer": answer,
-        "every": answer.coefficients,
-        "links": links,
-        "to_text": to_text,
-        "matrix": _matrix,
-    }
-    path.write_text(_rendered("forces.m.jinja", name, **parts), encoding="utf-8", newline="\n")
+    parts = {"answer": answer, "every": answer.coefficients, "links": links}
+    text = _rendered("forces.m.jinja", name, to_text=to_text, matrix=_matrix, **parts)
+    path.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _rendered(template: str, name: str, **parts: Any) -> str:
@@ -65,8 +60,7 @@ def _text(text: str) -> str:
 
 
 def _matrix(values: Floats) -> str:
-    rows = ["  " + ", ".join(map(repr, row)) for row in values.tolist()]
-    return "[" + "; ...\n".join(["", *rows]).removeprefix("; ...\n").strip() + "]"
+    return "[" + "; ...\n  ".join(", ".join(map(repr, row)) for row in values.tolist()) + "]"
 
 
 def write_mat(answer: ExportedAnswer, path: Path, name: str) -> None:
@@ -77,7 +71,7 @@ def write_mat(answer: ExportedAnswer, path: Path, name: str) -> None:
     `points` of hosts move by `shapes`, with a column for each of the `coordinates`.
     """
     every = answer.coefficients
-    kinds = [("name", object), ("first", object), ("second", object), ("law", object), ("rates", object)]
+    kinds = [(key, object) for key in ("name", "first", "second", "law", "rates")]
     links = np.zeros((len(answer.structure.links), 1), dtype=kinds)
     for number, link in enumerate(answer.structure.links):
         rates = [f"{rate.name}: {rate.text}" for rate in link.law.rates]

@@ -43,8 +43,9 @@ def _table(answer: ExportedAnswer) -> list[list[Any]]:
 
     Texts have one line each: sheets take no control characters, which a law may have as spaces.
     """
-    notes = (["note"], [answer.basis.remark]) if answer.basis.remark else ([], [])
-    table = [[*_HEADER, *notes[0]], *([*row, *notes[1]] for row in _rows(answer))]
+    table = [list(_HEADER), *_rows(answer)]
+    if remark := answer.basis.remark:
+        table = [[*row, remark if number else "note"] for number, row in enumerate(table)]
     return [[on_one_line(cell) if isinstance(cell, str) else cell for cell in row] for row in table]
 
 
@@ -68,9 +69,8 @@ def write_xlsx(answer: ExportedAnswer, path: Path, name: str) -> None:
     covariance = [[name, *row] for name, row in zip(answer.names, answer.covariance.tolist(), strict=True)]
     _fill(book.create_sheet(), "covariance", [["", *answer.names], *covariance])
     content = BytesIO()
-    with ZipFile(
-        content, "w", ZIP_DEFLATED
-    ) as archive:  # closed: one that was not written whole complains when forgotten
+    # closed: one that was not written whole complains when forgotten
+    with ZipFile(content, "w", ZIP_DEFLATED) as archive:
         import_module("openpyxl.writer.excel").ExcelWriter(book, archive).save()
     path.write_bytes(content.getvalue())
 

@@ -61,8 +61,7 @@ def figure_3() -> Figure:
 def figure_4() -> Figure:
     """Responses of the chain of eight masses: primary masses on the left, their sinks on the right."""
     motion = chain_motion(8)
-    named = enumerate(motion.masses)
-    titles = [f"{'sink' if number % 2 else 'primary mass'} {mass}" for number, mass in named]
+    titles = [f"{('primary mass', 'sink')[k % 2]} {mass}" for k, mass in enumerate(motion.masses)]
     return displacements_figure(motion, columns=2, titles=titles)
 
 
@@ -103,19 +102,16 @@ def _figure(
     forces: dict[str, Link] = {}
     styles: dict[str, dict[str, Any]] = {}
     errors: list[str] = []
-    for level, row in rows.items():
-        if row is not None:
-            name = f"SINDy, {level:g} dB"
-            forces[name] = structure.with_values(row.coefficients).link(link)
-            styles[name] = {"color": _LEVELS[level], "linestyle": (0, (4, 2))}
-            errors.append(f"{row.links[link]:.3g} % at {level:g} dB")
+    drawn = [("", level, row) for level, row in rows.items()]
     for method in paper.likelihood[:1]:
-        ours = _middle(table, subject_name, DECIBELS[-1], method)
-        if ours is not None:
-            name = f"{method}, {DECIBELS[-1]:g} dB"
-            forces[name] = structure.with_values(ours.coefficients).link(link)
-            styles[name] = {"color": IDENTIFIED}
-            errors.append(f"{method} {ours.links[link]:.3g} % at {DECIBELS[-1]:g} dB")
+        drawn.append((method, DECIBELS[-1], _middle(table, subject_name, DECIBELS[-1], method)))
+    for method, level, row in drawn:
+        if row is not None:
+            name = f"{method or 'SINDy'}, {level:g} dB"
+            forces[name] = structure.with_values(row.coefficients).link(link)
+            dashed = {"color": _LEVELS[level], "linestyle": (0, (4, 2))}
+            styles[name] = {"color": IDENTIFIED} if method else dashed
+            errors.append(f"{method} {row.links[link]:.3g} % at {level:g} dB".lstrip())
     return force_comparison_figure(
         structure.link(link),
         forces,
@@ -165,10 +161,8 @@ def figure_8(table: StudySummary, paper: PaperStudy, classical: str | None = Non
     conventions than the one called `classical` behind them.
     """
     others = [method for method in paper.classical if method != classical]
-    drawn = {
-        **dict.fromkeys(others, _OTHERS),
-        **curve_styles([method for method in table.methods if method not in (*others, *paper.informed)]),
-    }
+    shown = [method for method in table.methods if method not in (*others, *paper.informed)]
+    drawn = {**dict.fromkeys(others, _OTHERS), **curve_styles(shown)}
     with sheet(2, 2, height=5.9) as (figure, panels):
         for letter, axes, decibel in zip("abc", panels, DECIBELS, strict=False):
             printed = {name: TABLE_2[masses, decibel] for name, masses in paper.masses.items()}
@@ -185,15 +179,17 @@ def figure_9(table: StudySummary, paper: PaperStudy) -> Figure:
     """Physics-informed SINDy at 20 dB: a the error, b the time, with linkwise's own estimators beside it."""
     drawn = curve_styles([method for method in table.methods if method not in paper.classical])
     level = DECIBELS[-1]
-    error = dict.fromkeys(paper.masses, INFORMED_NMSE)
+    error: dict[str, float] = dict.fromkeys(paper.masses, INFORMED_NMSE)
     seconds = {name: INFORMED_SECONDS[masses] for name, masses in paper.masses.items()}
+    shown = (
+        ("nmse", error, f"a  {level:g} dB"),
+        ("seconds", seconds, f"b  time of one estimate, {level:g} dB"),
+    )
     with sheet(1, 2, height=3.3) as (figure, panels):
-        draw_curves(panels[0], table, level, "nmse", drawn)
-        _draw_printed(panels[0], table, "paper, physics-informed", error)
-        panels[0].set_title(f"a  {level:g} dB")
-        draw_curves(panels[1], table, level, "seconds", drawn)
-        _draw_printed(panels[1], table, "paper, physics-informed", seconds)
-        panels[1].set_title(f"b  time of one estimate, {level:g} dB")
+        for axes, (quantity, printed, title) in zip(panels, shown, strict=True):
+            draw_curves(axes, table, level, quantity, drawn)
+            _draw_printed(axes, table, "paper, physics-informed", printed)
+            axes.set_title(title)
         legend_below(figure, *panels)
     return figure
 

@@ -29,9 +29,8 @@ _ROWS = (
     (2.1564, 5.8351, 9.0256, 30.3485, 63.0856),
 )
 
-TABLE_2 = dict(
-    zip(((masses, level) for level, masses in product(DECIBELS, MASSES)), sum(_ROWS, ()), strict=True)
-)
+_CELLS = ((masses, level) for level, masses in product(DECIBELS, MASSES))
+TABLE_2 = dict(zip(_CELLS, sum(_ROWS, ()), strict=True))
 """NMSE in % of the sink's force (Eq. 8) by number of masses and dB: SINDy with all monomials up to the third order."""
 
 INFORMED_NMSE = 0.5
@@ -234,15 +233,12 @@ class Claim:
 
 def claims(table: StudySummary, paper: PaperStudy, comparison: Table2) -> tuple[Claim, ...]:
     """The claims that a study tests, what it was made for first."""
-    listed = [_complete(table)]
+    listed: list[Claim] = []
     if comparison.cells:
-        listed = [
-            *(_far_below(table, paper, method) for method in paper.likelihood),
-            *([_reproduced(comparison)] if comparison.classical else []),
-            *(_informed(table, paper, method) for method in paper.informed),
-            *listed,
-        ]
-    return (*listed, *_trusted(table, paper))
+        listed += [_far_below(table, paper, method) for method in paper.likelihood]
+        listed += [_reproduced(comparison)] if comparison.classical else []
+        listed += [_informed(table, paper, method) for method in paper.informed]
+    return (*listed, _complete(table), *_trusted(table, paper))
 
 
 def _complete(table: StudySummary) -> Claim:
@@ -250,10 +246,8 @@ def _complete(table: StudySummary) -> Claim:
     text = f"All {table.expected} cases were run"
     if table.missing:
         empty = sum(not cell.done for cell in table.cells)
-        text = (
-            f"{done} of {table.expected} cases were run; {empty} of {len(table.cells)} cells are empty, "
-            "and medians are of what there is"
-        )
+        text = f"{done} of {table.expected} cases were run; {empty} of {len(table.cells)} cells are empty"
+        text = f"{text}, and medians are of what there is"
     failed = f"; {table.failed} gave no answer" if table.failed else "; every one gave an answer"
     return Claim(f"{text}{failed if done else ''}.", not table.missing and not table.failed)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
 from linkwise.absorption.design import Design
-from linkwise.absorption.ensemble import AbsorptionQuantity
 from linkwise.absorption.intervals import AbsorptionIntervals, Answer, without_intervals
 from linkwise.absorption.map import AbsorptionMap, SweepAxis
 from linkwise.absorption.motion import TAIL
@@ -86,7 +86,10 @@ def absorption(
         factor, unit = scale(largest, plain.unit(plain.masses[number].name))
         _draw_excursions(axes, plain, number, factor)
         if isinstance(result, AbsorptionIntervals):
-            _draw_band(axes, result, number, factor)
+            before_tail = _before_tail(plain)
+            ends = (factor * end[before_tail, number] for end in (result.lower, result.upper))
+            style: dict[str, Any] = {"color": WELL, "alpha": 0.35, "lw": 0, "zorder": 3}
+            axes.fill_between(plain.time[before_tail], *ends, label="envelope, 95 % of draws", **style)
         mark_chaos(axes, plain)
         over_time(axes, plain.time, f"{literal(plain.masses[number].name)}\n{unit}")
         axes.set_ylim(-1.08 * largest * factor, 1.08 * largest * factor)
@@ -136,20 +139,6 @@ def _draw_excursions(axes: Axes, result: Absorption, number: int, factor: float)
         axes.axvline(mass.with_sinks.settled, color=WELL, lw=1.0, label="settled with sinks")
 
 
-def _draw_band(axes: Axes, result: AbsorptionIntervals, number: int, factor: float) -> None:
-    before_tail = _before_tail(result.absorption)
-    axes.fill_between(
-        result.absorption.time[before_tail],
-        result.lower[before_tail, number] * factor,
-        result.upper[before_tail, number] * factor,
-        color=WELL,
-        alpha=0.35,
-        lw=0,
-        zorder=3,
-        label="envelope, 95 % of draws",
-    )
-
-
 def _before_tail(result: Absorption) -> Bools:
     """Samples after which enough is to come for an envelope."""
     start, end = result.time[0], result.time[-1]
@@ -196,13 +185,15 @@ def map(
     >>> lw.plot.map(swept, "sinks_share").get_ylabel()
     '%'
     """
-    values, unit = _shown(result, quantity)
+    values = result[quantity]
+    shown = next(own for own in result.quantities if own.name == quantity)
+    values, unit = (100.0 * values, "%") if shown.is_part else (values, shown.unit)  # parts of 1 in %
     with axes_for(ax, legend=legend, width=4.6, height=3.4) as axes:
         if len(result.axes) == 2:
             _draw_map(axes, result, values, unit)
         else:
             _draw_curve(axes, result, values, unit)
-        axes.set_title(literal(_quantity(result, quantity).title))
+        axes.set_title(literal(shown.title))
         if np.any(np.isnan(values) & result.completed):
             text = f"did not settle within {result.duration:g} s"
             axes.fill([], [], color=_NEVER if len(result.axes) == 2 else MEASURED, label=text)
@@ -218,16 +209,6 @@ def map_figure(result: AbsorptionMap) -> Figure:
     return pictures(draws, width=7.4, height=(0.7, 2.7), legend_columns=2)
 
 
-def _quantity(result: AbsorptionMap, name: str) -> AbsorptionQuantity:
-    return next(candidate for candidate in result.quantities if candidate.name == name)
-
-
-def _shown(result: AbsorptionMap, name: str) -> tuple[Floats, str]:
-    """Values as they are read: parts of 1 in %."""
-    values, quantity = result[name], _quantity(result, name)
-    return (100.0 * values, "%") if quantity.is_part else (values, quantity.unit)
-
-
 def _draw_map(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> None:
     across, up = result.axes
     finite = values[np.isfinite(values)]
@@ -241,7 +222,10 @@ def _draw_map(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> N
     if not result.completed.all():
         diverged = np.where(result.completed, np.nan, 0.0)
         axes.pcolormesh(*edges, diverged.T, cmap=ListedColormap([_DIVERGED]), rasterized=True)
-    _scale_axes(axes, across, up)
+    _scale_axis(axes, "x", across, across.values[0])
+    _scale_axis(axes, "y", up, up.values[0])
+    if not (up.logarithmic and up.values[0] > 0.0) and np.abs(up.values).max() >= _MANY_DIGITS:
+        axes.yaxis.set_major_formatter(EngFormatter(sep=""))  # a common factor would stand over the title
     axes.grid(False)
     if finite.size:  # a bar would show numbers that nothing has
         axes.figure.colorbar(mesh, ax=axes, label=unit or None)
@@ -255,7 +239,7 @@ def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) ->
             heights = np.zeros(int(missing.sum()))
             along = axes.get_xaxis_transform()
             axes.plot(across.values[missing], heights, "x", color=color, ms=5, clip_on=False, transform=along)
-    _scale_axes(axes, across, None)
+    _scale_axis(axes, "x", across, across.values[0])
     edges = _edges(across)
     axes.set(xlim=(min(edges), max(edges)), ylabel=unit or "number")
 
@@ -263,19 +247,10 @@ def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) ->
 _MANY_DIGITS = 1e5
 
 
-def _scale_axes(axes: Axes, across: SweepAxis, up: SweepAxis | None) -> None:
-    _scale_axis(axes, "x", across, across.values[0])
-    if up is not None:
-        _scale_axis(axes, "y", up, up.values[0])
-        if not (up.logarithmic and up.values[0] > 0.0) and np.abs(up.values).max() >= _MANY_DIGITS:
-            axes.yaxis.set_major_formatter(EngFormatter(sep=""))  # a common factor would stand over the title
-
-
 def _scale_axis(axes: Axes, which: str, axis: SweepAxis | DesignAxis, first: float) -> None:
     """Label an axis, "x" or "y", with a parameter, from its `first` value on."""
-    axes.set(
-        **{f"{which}label": literal(f"{axis.name}, {axis.unit}" if axis.unit not in ("", "?") else axis.name)}
-    )
+    name = f"{axis.name}, {axis.unit}" if axis.unit not in ("", "?") else axis.name
+    axes.set(**{f"{which}label": literal(name)})
     if axis.logarithmic and first > 0.0:
         log_scale(axes, which)
 
@@ -436,14 +411,12 @@ def _draw_bands(axes: Axes, result: Absorption, *, with_sinks: bool) -> None:
 def _colors(result: Absorption) -> dict[str, str]:
     """The links and hosts with a band of their own in both runs: sinks in the colours of the series, the others in greys."""
     run = result.with_sinks
-    names = list(run.dissipated_by)
-    by_share = sorted(names, key=lambda name: -run.share(name))
-    largest = [name for name in by_share if name in result.absorbing][:_SINKS]
-    largest += [name for name in by_share if name not in result.absorbing][:_OTHERS]
-    shown = [name for name in names if name in largest]
-    sinks = [name for name in shown if name in result.absorbing]
-    others = [name for name in shown if name not in result.absorbing]
-    return dict([*zip(sinks, SERIES, strict=False), *zip(others, _GREYS, strict=False)])
+    by_share, colors = sorted(run.dissipated_by, key=lambda name: -run.share(name)), dict[str, str]()
+    for absorbing, most, series in ((True, _SINKS, SERIES), (False, _OTHERS, _GREYS)):
+        largest = [name for name in by_share if (name in result.absorbing) is absorbing][:most]
+        shown = (name for name in run.dissipated_by if name in largest)
+        colors |= dict(zip(shown, series, strict=False))
+    return colors
 
 
 _MOST_PAIRS = 6  # of varied parameters

@@ -25,6 +25,7 @@ from linkwise.plot.style import (
     TRUE,
     axes_for,
     envelope,
+    error_bars,
     label,
     legend_below,
     literal,
@@ -205,7 +206,6 @@ def _link_at(estimate: Estimate, channel: str) -> str:
     return at[-1] if at else links[-1].name
 
 
-_STYLES = ("-", "--", ":", "-.")  # in this order once the colours are used up
 _HEIGHT = 3.0  # inches of a panel
 
 
@@ -245,18 +245,8 @@ def shapes(host: Host, points: Sequence[str] = (), *, legend: bool = True, ax: A
             hz = "" if mode.frequency.value is None else f", {mode.frequency.value:.4g} Hz"
             deviations = [mode.shape_sigma.get(point, 0.0) for point in points]
             bars = [2.0 * sigma if math.isfinite(sigma) else 0.0 for sigma in deviations]
-            axes.errorbar(
-                places,
-                [mode.shape[point] for point in points],
-                bars if any(deviations) else None,
-                color=SERIES[number % len(SERIES)],
-                ls=_STYLES[number // len(SERIES) % len(_STYLES)],
-                marker="o",
-                ms=3.5,
-                lw=1.0,
-                capsize=2.0,
-                label=label(f"mode {number + 1}{hz}"),
-            )
+            shape, ends = [mode.shape[point] for point in points], bars if any(deviations) else None
+            error_bars(axes, number, f"mode {number + 1}{hz}", places, shape, ends)
         axes.set_xticks(places, [literal(point) for point in points])
         turning = len(host.modes[0].rotations.intersection(points))
         units = ["1/√kg"] * (turning < len(points)) + ["rad/(m √kg)"] * (turning > 0)

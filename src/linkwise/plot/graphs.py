@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import atan2, cos, hypot, log10, pi, sin
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -105,6 +106,7 @@ _LABELLED = 0.75  # inches of a link that has room for a word
 _AMOUNTS = 0.6  # and of one beside whose masses there is room for their kilograms
 _MARGIN = np.array([0.75, 0.5])  # around the outermost nodes
 _FAINT = 12  # dropped links that are drawn
+_CENTRED: dict[str, Any] = {"ha": "center", "va": "center"}
 
 
 @dataclass(frozen=True)
@@ -199,8 +201,7 @@ def graph_figure(discovery: Discovery) -> Figure:
     with sheet(width=width, height=height) as (figure, [axes]):
         graph(discovery, legend=False, ax=axes)
         axes.set_title("")
-        title = wrapped(headline(discovery)[0], width)
-        style.heading(figure, title)
+        style.heading(figure, wrapped(headline(discovery)[0], width))
         handles = _legend_handles(_drawing(discovery).edges)
         columns = max(1, min(len(handles), int(width / 1.35)))
         place_legend(figure, handles, [str(handle.get_label()) for handle in handles], columns)
@@ -246,16 +247,8 @@ def _edges(discovery: Discovery, bodies: Sequence[str]) -> tuple[list[Edge], lis
         reach = max(abs(end) for end in link.d_range)
         name = link.link.name
         forces = np.abs(link.link.force(np.array([-reach, reach]), 0.0, link.link.zero_states))
-        edges.append(
-            Edge(
-                *nodes(link.link.between),
-                kind=link.kind,
-                stiffness=float(np.max(forces)) / reach,
-                selected=True,
-                certain=discovery.decision(name) is Decision.CERTAIN,
-                doubtful_term=name in unsure,
-            )
-        )
+        stiffness, certain = float(np.max(forces)) / reach, discovery.decision(name) is Decision.CERTAIN
+        edges.append(Edge(*nodes(link.link.between), link.kind, stiffness, True, certain, name in unsure))
     for between in _dropped_in_doubt(discovery):
         edges.append(Edge(*nodes(between), "", 0.0, selected=False, certain=False, doubtful_term=True))
     return edges, fixed
@@ -314,17 +307,9 @@ def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
         axes.plot(*ends, color=_color(edge), ls=style, lw=width, solid_capstyle="round", zorder=1)
         if labelled and edge.selected:
             x, y = 0.5 * (a + b)
-            axes.text(
-                x,
-                y,
-                edge.kind.replace(" ", "\n") + ("?" if edge.doubtful_term else ""),
-                color=_color(edge),
-                fontsize=7,
-                ha="center",
-                va="center",
-                zorder=4,
-                bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
-            )
+            text = edge.kind.replace(" ", "\n") + ("?" if edge.doubtful_term else "")
+            box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.85}
+            axes.text(x, y, text, color=_color(edge), fontsize=7, zorder=4, bbox=box, **_CENTRED)
 
 
 def _color(edge: Edge) -> str:
@@ -353,7 +338,7 @@ def _draw_fixed(axes: Axes, mass: Floats, position: Floats, name: str) -> None:
         axes.plot(*hatch, color=TRUE, lw=0.7, zorder=2)
     if name:
         x, y = position + 0.26 * along
-        axes.text(x, y, literal(name), fontsize=7, ha="center", va="center")
+        axes.text(x, y, literal(name), fontsize=7, **_CENTRED)
 
 
 def _draw_bodies(axes: Axes, discovery: Discovery, drawing: Drawing, inch: float) -> None:
@@ -369,23 +354,17 @@ def _draw_bodies(axes: Axes, discovery: Discovery, drawing: Drawing, inch: float
         axes.plot(x, y, "o", ms=2.0 * radius, color=inside, mec=TRUE, mew=1.2, zorder=5)
         fits = 0.3 * size * len(name) < 0.9 * radius
         if fits:
-            axes.text(x, y, literal(name), fontsize=size, ha="center", va="center", zorder=6)
+            axes.text(x, y, literal(name), fontsize=size, zorder=6, **_CENTRED)
         beside = [] if fits else [literal(name)]
         if inch >= _AMOUNTS and is_mass:
             turns = name in discovery.structure.rotations
             beside.append(f"{masses[number]:.3g} kg m²" if turns else _amount(float(masses[number])))
         angle = _free_direction(number, positions)
         reach, side = radii[number] + 0.13, cos(angle)
-        axes.text(
-            x + reach * side,
-            y + reach * sin(angle),
-            "\n".join(beside),
-            color="#57606A",
-            fontsize=max(size - 1.5, 4.0),
-            ha="center" if abs(side) < 0.4 else "left" if side > 0.0 else "right",
-            va="center",
-            zorder=6,
-        )
+        aligned = "center" if abs(side) < 0.4 else "left" if side > 0.0 else "right"
+        look: dict[str, Any] = {"color": "#57606A", "fontsize": max(size - 1.5, 4.0), "zorder": 6}
+        x, y = x + reach * side, y + reach * sin(angle)
+        axes.text(x, y, "\n".join(beside), **{**_CENTRED, "ha": aligned, **look})
 
 
 def _amount(kilograms: float) -> str:

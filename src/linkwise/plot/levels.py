@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import product
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +17,7 @@ from linkwise.plot.style import (
     MEASURED,
     SERIES,
     axes_for,
+    error_bars,
     label,
     literal,
     log_scale,
@@ -107,17 +108,8 @@ def level_modes(
     values = np.where(comparison.lost, np.nan, values)
     with axes_for(ax, legend=legend) as axes:
         for mode in range(values.shape[1]):
-            axes.errorbar(
-                comparison.levels,
-                values[:, mode],
-                2.0 * errors[:, mode],
-                color=SERIES[mode % len(SERIES)],
-                marker="o",
-                ms=3.5,
-                lw=1.0,
-                capsize=2.0,
-                label=label(f"mode {mode + 1}, {comparison.frequencies[0, mode]:.4g} Hz"),
-            )
+            text = f"mode {mode + 1}, {comparison.frequencies[0, mode]:.4g} Hz"
+            error_bars(axes, mode, text, comparison.levels, values[:, mode], 2.0 * errors[:, mode])
         log_scale(axes, "x")
         axes.set_xlabel(literal(comparison.level_name))
         axes.set_ylabel("change of frequency, %" if quantity == "frequency" else "damping, % of critical")
@@ -230,12 +222,15 @@ def ring_down(
         values, errors = 100.0 * ring.damping, 100.0 * ring.damping_error
     with axes_for(ax, legend=legend) as axes:
         color = SERIES[(ring.mode - 1) % len(SERIES)]
-        text = label(ring_name(ring))
         alike = [one.amplitude.max() for one in comparison.ring_downs if one.unit == ring.unit]
         times, unit = scale(float(max(alike)), ring.unit)
-        axes.errorbar(
-            times * ring.amplitude, values, 2.0 * errors, fmt=".", color=color, elinewidth=0.8, label=text
-        )
+        bars: dict[str, Any] = {
+            "fmt": ".",
+            "color": color,
+            "elinewidth": 0.8,
+            "label": label(ring_name(ring)),
+        }
+        axes.errorbar(times * ring.amplitude, values, 2.0 * errors, **bars)
         log_scale(axes, "x")
         axes.ticklabel_format(axis="y", useOffset=False)
         axes.set_xlabel(f"amplitude of {literal(ring.channel)}, {unit}")
@@ -308,17 +303,15 @@ def acceleration_surface(
             axes.set_ylabel(of_force)
         else:
             bound = float(np.abs(force).max())
-            points = axes.scatter(
-                surface.displacement[some] * to_d,
-                velocity[some] * to_v,
-                c=force[some],
-                s=2.0,
-                cmap="RdBu_r",
-                vmin=-bound,
-                vmax=bound,
-                rasterized=True,
-                label="while no force acts",
-            )
+            style: dict[str, Any] = {
+                "s": 2.0,
+                "cmap": "RdBu_r",
+                "vmin": -bound,
+                "vmax": bound,
+                "rasterized": True,
+            }
+            places = surface.displacement[some] * to_d, velocity[some] * to_v
+            points = axes.scatter(*places, c=force[some], label="while no force acts", **style)
             axes.figure.colorbar(points, ax=axes, label=of_force)
             axes.set_ylabel(f"velocity, {unit_v}")
     return axes

@@ -140,16 +140,9 @@ def _draw(axes: Axes, curve: ForceCurve) -> None:
     axes.axvspan(low * to_d, high * to_d, color=VISITED, zorder=0, label="range visited")
     if len(curve.sample_d):
         some = scattered(len(curve.sample_d))
-        axes.plot(
-            curve.sample_d[some] * to_d,
-            curve.sample_force[some] * to_f,
-            ".",
-            color=MEASURED,
-            ms=1.5,
-            rasterized=True,
-            zorder=1,
-            label=_samples_label(curve),
-        )
+        samples = curve.sample_d[some] * to_d, curve.sample_force[some] * to_f
+        style: dict[str, Any] = {"color": MEASURED, "ms": 1.5, "rasterized": True, "zorder": 1}
+        axes.plot(*samples, ".", label=_samples_label(curve), **style)
     if curve.true is not None:
         axes.plot(d, curve.true * to_f, color=TRUE, lw=2.6, alpha=0.45, zorder=2, label="true")
     if curve.has_band:
@@ -280,15 +273,14 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     >>> ax.get_xlabel(), ax.get_ylabel()
     ('elongation d, mm', 'rate v, m/s')
     """
-    link_estimate = estimate.link(link)
-    if not link_estimate.link.law.is_plain:
+    link_estimate, law = estimate.link(link), estimate.link(link).link.law
+    if not law.is_plain:
         message = "has memory or takes a signal, so that its force is not a function of elongation and rate; draw its loops"
         raise StructureError(message, f'link "{link}"')
     index = [one.name for one in estimate.structure.links].index(link)
     ends = [(limits, _MARGIN * np.ptp(limits)) for limits in (link_estimate.d_range, link_estimate.v_range)]
     d, v = (np.linspace(low - margin, high + margin, _SURFACE_POINTS) for (low, high), margin in ends)
     force = np.broadcast_to(link_estimate.link.force(*np.meshgrid(d, v)), (_SURFACE_POINTS, _SURFACE_POINTS))
-    law = link_estimate.link.law
     to_d, unit_d = scale(float(np.abs(d).max()), law.motion_units[0])
     to_v, unit_v = scale(float(np.abs(v).max()), law.motion_units[1])
     largest = float(np.abs(force).max())
@@ -301,16 +293,9 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
         axes.figure.colorbar(mesh, ax=axes, label=f"force, {unit_f}")
         if np.any(force > 0.0) and np.any(force < 0.0):
             axes.contour(d * to_d, v * to_v, force, levels=[0.0], colors=TRUE, linewidths=0.7)
-        axes.plot(
-            estimate.motion.d[some, index] * to_d,
-            estimate.motion.v[some, index] * to_v,
-            ".",
-            color=TRUE,
-            ms=1.2,
-            alpha=0.5,
-            rasterized=True,
-            label="motion of the record",
-        )
+        visited = estimate.motion.d[some, index] * to_d, estimate.motion.v[some, index] * to_v
+        style: dict[str, Any] = {"color": TRUE, "ms": 1.2, "alpha": 0.5, "rasterized": True}
+        axes.plot(*visited, ".", label="motion of the record", **style)
         axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"rate v, {unit_v}")
         wrap_title(axes, force_title(link_estimate.link))
     return axes

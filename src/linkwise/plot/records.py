@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -386,14 +386,8 @@ def _draw_range(axes: Axes, envelope: OrbitEnvelope, mass: str, factor: float) -
     column = envelope.masses.index(mass)
     starts = np.arange(int(np.searchsorted(time, horizon)), len(time), _BLOCK)
     axes.axvspan(horizon, time[-1], color=VISITED, zorder=0, label="past the horizon")
-    axes.fill_between(
-        time[starts],
-        np.minimum.reduceat(envelope.least[:, column], starts) * factor,
-        np.maximum.reduceat(envelope.greatest[:, column], starts) * factor,
-        color=IDENTIFIED,
-        alpha=0.22,
-        lw=0,
-        zorder=1,
-        label="range of neighbouring orbits",
-    )
+    lower = np.minimum.reduceat(envelope.least[:, column], starts) * factor
+    upper = np.maximum.reduceat(envelope.greatest[:, column], starts) * factor
+    style: dict[str, Any] = {"color": IDENTIFIED, "alpha": 0.22, "lw": 0, "zorder": 1}
+    axes.fill_between(time[starts], lower, upper, label="range of neighbouring orbits", **style)
     axes.axvline(horizon, color=TRUE, lw=0.7, ls=(0, (3, 2)), zorder=4)

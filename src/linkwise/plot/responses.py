@@ -126,10 +126,8 @@ def _explain(axes: Axes, result: Response) -> None:
     for name, marker in _MARKERS.items():
         if name in names:
             axes.plot([], [], marker, color="black", ms=3.5, mfc="white", label=name)
-    for kind in ("chaotic", "quasi-periodic"):
-        if any(motion.kind == kind for level in result.levels for motion in level.irregular):
-            axes.plot([], [], "x", color="black", ms=4.5, label="half of the range where not periodic")
-            return
+    if any(level.irregular for level in result.levels):
+        axes.plot([], [], "x", color="black", ms=4.5, label="half of the range where not periodic")
 
 
 def backbone(
@@ -235,20 +233,19 @@ def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Ax
     >>> basins(lw.response.basins(lw.bnes_chain(2), plane, points=4)).get_xlabel()
     'x:m2, mm'
     """
-    scales = [
-        scale(float(np.abs(values).max()), unit_in(result.structure, name))
-        for name, values in zip(result.plane, result.values, strict=True)
-    ]
+    grids, names = [], []
+    for name, values in zip(result.plane, result.values, strict=True):
+        factor, unit = scale(float(np.abs(values).max()), unit_in(result.structure, name))
+        grids.append(factor * values)
+        names.append(f"{label(name)}, {unit}")
     shades = [to_rgb(colour) for colour in _colours(len(result.rests))]
     with axes_for(ax, legend=legend) as axes:
-        grids = [factor * values for (factor, _), values in zip(scales, result.values, strict=True)]
         colours = np.ones((*result.ends.shape, 3))
         for number, shade in enumerate(shades):
             colours[result.ends == number] = shade
             label_text = f"rest {number + 1}: {100 * result.shares[number]:.3g} %"
             axes.plot([], [], "s", color=shade, alpha=_PLANE, label=label_text)
         axes.pcolormesh(*grids, colours.transpose(1, 0, 2), shading="nearest", alpha=_PLANE)
-        names = [f"{label(name)}, {unit}" for name, (_, unit) in zip(result.plane, scales, strict=True)]
         axes.set(xlabel=names[0], ylabel=names[1])
         axes.grid(visible=False)
     return axes

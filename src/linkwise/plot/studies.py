@@ -185,17 +185,15 @@ def success_map(result: SuccessMap, *, ax: Axes | None = None) -> Axes:
     """
     with axes_for(ax, width=3.2, height=2.2) as axes:
         share = result.exact_share
-        axes.pcolormesh(
-            np.ma.masked_invalid(share), cmap="Blues", vmin=0.0, vmax=_DARKEST, edgecolors="white", lw=1.0
-        )
+        look: dict[str, Any] = {"cmap": "Blues", "edgecolors": "white", "lw": 1.0}
+        axes.pcolormesh(np.ma.masked_invalid(share), vmin=0.0, vmax=_DARKEST, **look)
         for (row, column), value in np.ndenumerate(share):
             if np.isfinite(value):
                 wrong = float(result.wrong_trusted_share[row, column])
                 _write(axes, row, column, 100.0 * float(value), 100.0 * wrong)
         axes.set_xticks(np.arange(len(result.snr_db)) + 0.5, [f"{level:g}" for level in result.snr_db])
-        axes.set_yticks(
-            np.arange(len(result.rates)) + 0.5, [f"{float(f'{count:.3g}'):g}" for count in result.samples]
-        )
+        samples = [f"{float(f'{count:.3g}'):g}" for count in result.samples]
+        axes.set_yticks(np.arange(len(samples)) + 0.5, samples)
         axes.grid(False)
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)

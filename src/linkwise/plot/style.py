@@ -24,6 +24,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, LogLocator, MaxNLocator, NullFormatter
+from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError, expect, require_known
@@ -249,6 +250,18 @@ def _exponent(x: float) -> int:
     return math.floor(math.log10(abs(x)) + 1e-9) if x else 0
 
 
+_STYLES = ("-", "--", ":", "-.")  # in this order once the colours are used up
+
+
+def error_bars(
+    axes: Axes, number: int, text: str, x: ArrayLike, y: ArrayLike, ends: ArrayLike | None
+) -> None:
+    """Draw values with bars, the curve of a `number` from 0 of several in one picture."""
+    look: dict[str, Any] = {"marker": "o", "ms": 3.5, "lw": 1.0, "capsize": 2.0, "label": label(text)}
+    line = _STYLES[number // len(SERIES) % len(_STYLES)]
+    axes.errorbar(x, y, ends, color=SERIES[number % len(SERIES)], ls=line, **look)
+
+
 def over_time(axes: Axes, time: Floats, name: str) -> None:
     """Set axes up for what is drawn over all of a time in s, and called by `name`."""
     axes.set(xlim=(time[0], time[-1]), xlabel="time, s", ylabel=name)
@@ -283,7 +296,9 @@ def encoded(figure: Figure, *formats: Literal["png", "svg"]) -> list[bytes]:
     canvas, engine, dpi = figure.canvas, figure.get_layout_engine(), figure.dpi
     contents = []
     try:
-        with rc_context(_STYLE), _without_glyph_warnings():
+        with rc_context(_STYLE), warnings.catch_warnings():
+            # of each letter that no font has: the figure shows a box, and the page the name
+            warnings.filterwarnings("ignore", "Glyph .* missing from font")
             raster = FigureCanvasAgg(figure)
             if engine is not None:
                 engine.execute(figure)
@@ -304,14 +319,6 @@ def encoded(figure: Figure, *formats: Literal["png", "svg"]) -> list[bytes]:
         figure.set_layout_engine(engine)
         figure.set_canvas(canvas)
     return contents
-
-
-@contextmanager
-def _without_glyph_warnings() -> Iterator[None]:
-    """Without a warning for each letter that no font has: the figure shows a box, and the page the name."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from font")
-        yield
 
 
 def save(figure: Figure, stem: str | Path) -> tuple[Path, Path]:

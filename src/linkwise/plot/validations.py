@@ -226,9 +226,8 @@ def prediction_spectrum(
     require_known("spectrum of", channel, validation.spectra, RecordError)
     spectrum, score = validation.spectra[channel], validation.channels[channel]
     noise = 2.0 * score.noise**2 / validation.record.rate
-    factor, unit = scale(
-        float(np.nanmax(np.abs(validation.record.channel(channel)), initial=0.0)), score.unit
-    )
+    largest = float(np.nanmax(np.abs(validation.record.channel(channel)), initial=0.0))
+    factor, unit = scale(largest, score.unit)
     power = f"{unit}²" if unit.isalpha() else f"({unit})²"
     with axes_for(ax, legend=legend) as axes:
         axes.plot(spectrum.frequency, factor**2 * spectrum.measured, color=MEASURED, lw=1.4, label="measured")

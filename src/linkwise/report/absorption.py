@@ -42,8 +42,8 @@ def _sections(result: Answer) -> dict[str, Section]:
     """The sections of a comparison by the names of their figures."""
     plain, sections = without_intervals(result), {}
     if isinstance(result, AbsorptionIntervals):
-        rows = interval_rows(result)
-        sections["intervals"] = Section("Intervals", [interval_headline(result)], rows=rows)
+        text, rows = interval_headline(result), interval_rows(result)
+        sections["intervals"] = Section("Intervals", [text], rows=rows)
     text = (
         f"A mass has settled when it stays below {100 * plain.settle:g} % of its peak without sinks until the end, and has "
         "done so for the last 5 % of the run at least. The envelope is the largest excursion still to come; decay is the rate "

@@ -144,10 +144,9 @@ def _with_aligned_truth(discovery: Discovery) -> Discovery:
     if simulated is None:
         return discovery
     structures = (estimate.structure, simulated.structure)
-    # not compared, see term_score
-    if not all(link.law.is_plain for structure in structures for link in structure.links):
-        return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=None)))
-    aligned = replace(simulated, structure=align_truth(*structures))
+    plain = all(link.law.is_plain for structure in structures for link in structure.links)
+    # else not compared, see term_score
+    aligned = replace(simulated, structure=align_truth(*structures)) if plain else None
     return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=aligned)))
 
 

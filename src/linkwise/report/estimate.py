@@ -108,15 +108,13 @@ def _force(reported: Reported[Estimate], link: str) -> Callable[[], Figure]:
     estimate = reported.result
     at_rest = estimate.force_band(link, np.linspace(*estimate.link(link).d_range, GRID))[0]
     if not at_rest.any() and not estimate.link(link).link.law.states:
-        return lambda: style.single(partial(loop, estimate, link, over="v"))
-    return lambda: force_figure(estimate, link, truth=reported.truth)
+        return partial(style.single, partial(loop, estimate, link, over="v"))
+    return partial(force_figure, estimate, link, truth=reported.truth)
 
 
 def _loop(reported: Reported[Estimate], link: str) -> Callable[[], Figure] | None:
     """The force over one cycle, of a link with memory."""
-    if not has_loop(reported.result, link):
-        return None
-    return lambda: loop_figure(reported.result, link)
+    return partial(loop_figure, reported.result, link) if has_loop(reported.result, link) else None
 
 
 LINK_FIGURES: Registry[Callable[[Reported[Estimate], str], Callable[[], Figure] | None]] = Registry(
@@ -152,10 +150,11 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], gra
     chi_square = estimate.chi_square_per_sample
 
     def true_value(coefficient: CoefficientEstimate) -> str:
-        name = coefficient.name
-        linked = truth is not None and any(name.owner == link.link.name for link in estimate.links)
-        values = truth.link(name.owner).values if truth and linked else {}
-        value = values.get(name.key) if linked else truth.coefficient(name).value if truth else None
+        name, value = coefficient.name, None
+        if truth is not None and any(name.owner == link.link.name for link in estimate.links):
+            value = truth.link(name.owner).values.get(name.key)
+        elif truth is not None:
+            value = truth.coefficient(name).value
         return "" if value is None else format_value(value)
 
     return {
@@ -165,9 +164,9 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], gra
         "doubt": _doubt(estimate, grade),
         "first": [name for name in (_first_force(estimate, pictures), "fit") if name in pictures],
         "links": identified_first,
-        "as_in_figures": lambda ends, unit: "".join(
-            lengths_as_in_figures(["{:.3g} to {:.3g} ".format(*ends) + unit])
-        ),
+        "as_in_figures": lambda ends, unit: lengths_as_in_figures([f"{ends[0]:.3g} to {ends[1]:.3g} {unit}"])[
+            0
+        ],
         "figures_of": lambda link: [name for kind in LINK_FIGURES if (name := f"{kind}_{link}") in pictures],
         "modes": of_modes,
         "nmse": reported.nmse,
@@ -179,10 +178,8 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], gra
         "profiled": bool(estimate.profile_intervals),
         "format_value": format_value,
         "force_title": style.force_title,
-        **{
-            own.__name__.lstrip("_"): own
-            for own in (true_value, _ends, _numbered, _derived, _within, _length)
-        },
+        "true_value": true_value,
+        **{own.__name__[1:]: own for own in (_ends, _numbered, _derived, _within, _length)},
     }
 
 
@@ -256,11 +253,9 @@ def _doubt(estimate: Estimate, grade: Grade) -> str:
 
 def _pictured(estimate: Estimate) -> list[str]:
     """The links that get figures: those with something identified or a load cell, as many as anyone looks at."""
-    known = {link.link.name for link in estimate.links if all(one.known for one in link.coefficients)}
-    names = [link.link.name for link in estimate.links]
-    measured = {name for name in names if f"f:{name}" in estimate.record.channels}
-    links = [name for name in names if name not in known or name in measured]
-    return sorted(links, key=lambda name: name in known)[:PICTURED]
+    known = {link.link.name: all(one.known for one in link.coefficients) for link in estimate.links}
+    links = [name for name in known if not known[name] or f"f:{name}" in estimate.record.channels]
+    return sorted(links, key=known.__getitem__)[:PICTURED]
 
 
 def _ends(interval: tuple[float, float] | None, error: float | None) -> str:

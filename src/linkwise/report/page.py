@@ -79,23 +79,18 @@ def write_figures(
 
     Returns what a page shows of each, by the name of its section. `progress` is called with the fraction done.
     """
-    drawn = [(name, section) for name, section in sections.items() if section.figure is not None]
+    drawn = {name: (section.title, section.figure) for name, section in sections.items() if section.figure}
     pictures: dict[str, Markup] = {}
-    for name, section in drawn:
+    for name, (title, draw) in drawn.items():
         progress(ProgressReport(len(pictures) / len(drawn), f"figure {name}"))
-        left = _PAGE - sum(map(len, pictures.values()))
-        pictures[name] = _picture(name, section, folder, left)
+        figure = draw()
+        png, svg = style.encoded(figure, "png", "svg")
+        (folder / f"{name}.png").write_bytes(png)
+        picture = embedded(png, svg, title, figure.get_figwidth())
+        if len(picture) > _PAGE - sum(map(len, pictures.values())):
+            picture = Markup('<p><a href="{0}">{0}</a></p>').format(f"{name}.png")
+        pictures[name] = picture
     return pictures
-
-
-def _picture(name: str, section: Section, folder: Path, most: int) -> Markup:
-    """What a page shows of the figure of a section, which is saved in `folder`: a picture of so many characters at `most`."""
-    assert section.figure is not None
-    figure = section.figure()
-    png, svg = style.encoded(figure, "png", "svg")
-    (folder / f"{name}.png").write_bytes(png)
-    picture = embedded(png, svg, section.title, figure.get_figwidth())
-    return picture if len(picture) <= most else Markup('<p><a href="{0}">{0}</a></p>').format(f"{name}.png")
 
 
 def embedded(png: bytes, svg: bytes, title: str, width: float) -> Markup:
@@ -187,14 +182,14 @@ def in_units_of_figures(
     """`rows` that end in an SI unit, with the numbers of `columns` in the unit that a figure of them has, as mm: that of the
     row, or, where they are `alike`, of all with its unit.
     """
-    scaled, largest = [], dict[str, float]()
-    for *cells, unit in rows:
-        largest[unit] = max([largest.get(unit, 0.0), *(abs(float(cell)) for cell in cells[columns] if cell)])
-    for *cells, unit in rows:
-        numbers = [float(cell) if cell else None for cell in cells[columns]]
-        own = max((abs(number) for number in numbers if number), default=0.0)
-        factor, shown = style.scale(largest[unit] if alike else own, unit)
-        cells[columns] = ["" if number is None else f"{factor * number:.4g}" for number in numbers]
+    numbers = [[float(cell) if cell else None for cell in row[columns]] for row in rows]
+    own = [max((abs(number) for number in some if number), default=0.0) for some in numbers]
+    scaled = []
+    for (*cells, unit), some, largest in zip(rows, numbers, own, strict=True):
+        if alike:
+            largest = max(size for size, row in zip(own, rows, strict=True) if row[-1] == unit)
+        factor, shown = style.scale(largest, unit)
+        cells[columns] = ["" if number is None else f"{factor * number:.4g}" for number in some]
         scaled.append((*cells, shown or unit))
     return scaled
 
@@ -262,10 +257,7 @@ def sectioned(
         shown = head(result)
         verdict, findings = map(lengths_as_in_figures, (shown.verdict, shown.findings))
         shown = replace(shown, verdict=verdict, findings=findings)
-        sections = {
-            name: replace(section, rows=_table_as_in_figures(section.rows))
-            for name, section in sections.items()
-        }
+        tables = {name: _table_as_in_figures(section.rows) for name, section in sections.items()}
         return rendered(
             "section_page.html.jinja",
             title=shown.title or (shown.structure and shown.structure.name) or "structure",
@@ -273,7 +265,7 @@ def sectioned(
             grade=result.grade.value,
             basis=result.basis.remark,
             following=following[0 if result.trusted else -1],
-            sections=sections,
+            sections={name: replace(section, rows=tables[name]) for name, section in sections.items()},
             pictures=pictures,
             structure="" if shown.structure is None else format_structure(shown.structure),
         )
@@ -285,12 +277,7 @@ def sectioned(
             write_graded(shown.structure, shown.basis or result.basis, folder)
         data(result, folder)
 
-    return ResultFolder(
-        data=written,
-        sections=lambda reported: sections(reported.result),
-        page=page,
-        mark=mark,
-    )
+    return ResultFolder(data=written, sections=lambda one: sections(one.result), page=page, mark=mark)
 
 
 def write_graded(structure: Structure, basis: Basis, folder: Path) -> None:

@@ -29,10 +29,10 @@ def _largest(result: Response) -> Iterator[str]:
         hz = np.concatenate([branch.hz[branch.stable] for branch in stable])
         amplitude = np.concatenate([branch.amplitude[branch.stable] for branch in stable])
         peaks = []
-        for channel, at in list(zip(result.channels, amplitude.argmax(axis=0), strict=True))[:_CHANNELS]:
-            size = amplitude[at, result.channels.index(channel)]
-            factor, unit = scale(size, unit_in(result.structure, channel))
-            peaks.append(f"{channel} to {factor * size:.4g} {unit} at {hz[at]:.5g} Hz")
+        for channel, values in list(zip(result.channels, amplitude.T, strict=True))[:_CHANNELS]:
+            factor, unit = scale(values.max(), unit_in(result.structure, channel))
+            peak = f"{factor * values.max():.4g} {unit} at {hz[values.argmax()]:.5g} Hz"
+            peaks.append(f"{channel} to {peak}")
         yield f"At {level.size:g} {result.drive.unit} stable motion reaches: {', '.join(peaks)}."
 
 
@@ -57,12 +57,8 @@ def _write_data(result: Response, folder: Path) -> None:
     kinds = ("amplitude", "first harmonic", "phase in degrees", "lower", "upper", "mean")
     names = [f"{channel} {kind}" for channel in result.channels for kind in kinds]
     head = ["level", "branch", "hz", "stable", "largest multiplier", "bifurcation", *names]
-    rows = [
-        (level.size, number, *row)
-        for level in result.levels
-        for number, branch in enumerate(level.branches, start=1)
-        for row in _branch_rows(branch)
-    ]
+    branches = ((level.size, *one) for level in result.levels for one in enumerate(level.branches, start=1))
+    rows = ((size, number, *row) for size, number, branch in branches for row in _branch_rows(branch))
     csv_table(folder / "branches.csv", head, rows)
 
 

@@ -4,7 +4,6 @@ what is missing.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -134,11 +133,9 @@ def percent(value: float | None) -> str:
 
 
 def _reasons(comparison: Table2) -> list[tuple[str, str]]:
-    best = comparison.best
-    if best is None:
-        return []
-    explanations = [(cell.where, explanation(cell, best, comparison.classical)) for cell in comparison.cells]
-    return [(where, text) for where, text in explanations if text]
+    best, classical = comparison.best, comparison.classical
+    explained = [(cell.where, best and explanation(cell, best, classical)) for cell in comparison.cells]
+    return [(where, text) for where, text in explained if text]
 
 
 def _meaning(study: Study, method: str) -> str:
@@ -163,18 +160,16 @@ def _missing(table: StudySummary) -> list[str]:
 
 def _failures(table: StudySummary) -> list[str]:
     """Cases without an answer by method and reason: how many, and where."""
-    failed: dict[tuple[str, str], list[Cell]] = {}
-    counts: Counter[tuple[str, str]] = Counter()
+    failed: dict[tuple[str, str], list[tuple[Cell, int]]] = {}
     for cell in table.cells:
         for reason, count in cell.reasons:
-            failed.setdefault((cell.method, reason), []).append(cell)
-            counts[cell.method, reason] += count
+            failed.setdefault((cell.method, reason), []).append((cell, count))
     sentences = []
     for (method, reason), cells in failed.items():
-        where = "; ".join(f"{cell.structure}, {cell.snr_db:g} dB" for cell in cells[:_LISTED])
+        where = "; ".join(f"{cell.structure}, {cell.snr_db:g} dB" for cell, _ in cells[:_LISTED])
         more = f" and {len(cells) - _LISTED} more cells" if len(cells) > _LISTED else ""
-        why = reason or "the error is not a number"
-        sentences.append(f"{method} gave no answer {counts[method, reason]} times ({where}{more}): {why}")
+        times, why = sum(count for _, count in cells), reason or "the error is not a number"
+        sentences.append(f"{method} gave no answer {times} times ({where}{more}): {why}")
     return sentences
 
 
@@ -268,9 +263,6 @@ def _with_times(report: StudyReport) -> str:
     return f"{measured}Medians, and the range of the cycles. {unsaid}"
 
 
-_FIGURES = "figures"
-
-
 def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Path:
     """Write the report of a study into its folder: report.html, figures/NAME.png, figures/NAME.svg and table_2.csv.
 
@@ -308,7 +300,7 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
         progress(ProgressReport(number / len(figures), f"figure {name}"))
         figure = entry.draw()
         if figure is not None:
-            png, svg = save(figure, home / _FIGURES / name)
+            png, svg = save(figure, home / "figures" / name)
             picture = embedded(png.read_bytes(), svg.read_bytes(), entry.title, figure.get_figwidth())
             own = {"name": name, "title": entry.title, "picture": picture, "caption": entry.caption}
             shown.setdefault(entry.heading, []).append(own)

@@ -30,20 +30,15 @@ from linkwise.verdict import UNGRADED, Basis, Verdict
 
 _SMALL = 1e-3  # of the amplitude asked for, of the rest position, or m: where a mode should be linear
 _REACHED = 1e-6  # of what is to be reached
-_LINEAR, _TRIALS = (
-    1e-4,
-    10,
-)  # change of a frequency that a linear mode has at most, and how often a tenth is tried
+_LINEAR = 1e-4  # change of a frequency that a linear mode has at most
+_TRIALS = 10  # of a tenth of the amplitude before
 _LONGEST = 0.08  # step along the curve
 _VANISHED = 1e-6  # of the largest force along a curve: none
 _ROUNDING = 1e-12  # of the largest energy: less is that of no motion
 _MOST = 600  # points
 _CHANGE = 1.0 / 3.0  # of the frequency, at which a curve ends where no end is asked for
-_DRAWS, _STATIONS, _FEWEST = (
-    60,
-    12,
-    3,
-)  # of an answer, and points of its curve, and of a piece, near which they have motions
+_DRAWS = 60  # of an answer
+_STATIONS, _FEWEST = 12, 3  # points of a curve, and of a piece, near which draws have motions
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,9 +145,8 @@ class Backbone(JudgedView):
                 if holds
                 else "the structure holds this motion by itself, without the force, as a limit cycle"
             )
-            sentences.append(
-                f"The curve ends at {self.hz[-1]:.5g} Hz before the end that was asked for: {reason}."
-            )
+            end = f"The curve ends at {self.hz[-1]:.5g} Hz before the end that was asked for"
+            sentences.append(f"{end}: {reason}.")
         first = next((number for number, link in enumerate(self.outside) if link), None)
         if first is not None:
             sentences.append(
@@ -197,34 +191,34 @@ def backbone_headline(result: Backbone) -> tuple[str, ...]:
     end = f"{result.hz[0]:.5g} to {result.hz[largest]:.5g} Hz at {result.energy[largest]:.3g} J"
     ratios = " to ".join(f"{100.0 * result.damping[at]:.3g}" for at in (0, largest))
     damping = f"Its damping goes from {ratios} % of the critical one."
+    name, mode = result.structure.name, result.mode
     if result.force is None:
-        return (
-            f"Mode {result.mode} of {result.structure.name} without its damping goes from {end}.",
-            damping,
-        )
-    where = (
-        f"Phase resonance of {result.structure.name} in mode {result.mode}, under a force on {result.place}"
-    )
+        return f"Mode {mode} of {name} without its damping goes from {end}.", damping
+    where = f"Phase resonance of {name} in mode {mode}, under a force on {result.place}"
     unit = unit_in(result.structure, f"force:{result.place}")
-    return (f"{where}, goes from {end} and {result.force[largest]:.3g} {unit}.", damping)
+    return f"{where}, goes from {end} and {result.force[largest]:.3g} {unit}.", damping
 
 
 def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
     """Some points: frequency, energy and amplitudes."""
     which = np.unique(np.linspace(0, len(result.hz) - 1, count).round().astype(int))
-
-    damping = [f"{ratio:.3g}" for ratio in 100.0 * result.damping[which]]
-    if result.lower_damping is not None and result.upper_damping is not None:
-        ends = 100.0 * np.stack([result.lower_damping, result.upper_damping], axis=1)[which]
-        damping = [f"{text} ({_to(own, 3)})" for text, own in zip(damping, ends, strict=True)]
+    title, damping = "damping, %", [f"{ratio:.3g}" for ratio in 100.0 * result.damping[which]]
     bands = []
     if result.lower is not None and result.upper is not None:
-        ends = np.stack([result.lower, result.upper], axis=1)[which]
-        bands = [("95 % band", *(_to(own, 5) for own in ends))]
+        bands = [
+            (
+                "95 % band",
+                *(_to(own, 5) for own in zip(result.lower[which], result.upper[which], strict=True)),
+            )
+        ]
+    if result.lower_damping is not None and result.upper_damping is not None:
+        ends = zip(100.0 * result.lower_damping[which], 100.0 * result.upper_damping[which], strict=True)
+        title += " (95 % band)"
+        damping = [f"{text} ({_to(own, 3)})" for text, own in zip(damping, ends, strict=True)]
     columns = [
         ("Hz", *(f"{hz:.5g}" for hz in result.hz[which])),
         *bands,
-        ("damping, % (95 % band)" if result.lower_damping is not None else "damping, %", *damping),
+        (title, *damping),
         ("energy, J", *(f"{energy:.3g}" for energy in result.energy[which])),
     ]
     if result.force is not None:
@@ -235,9 +229,9 @@ def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
     return list(zip(*columns, strict=True))
 
 
-def _to(ends: Floats, digits: int) -> str:
-    """The ends (2,) of a band in a cell."""
-    return "{:.{d}g} to {:.{d}g}".format(*ends, d=digits) if np.isfinite(ends).all() else "-"
+def _to(ends: tuple[float, float], digits: int) -> str:
+    """The ends of a band in a cell."""
+    return f"{ends[0]:.{digits}g} to {ends[1]:.{digits}g}" if np.isfinite(ends).all() else "-"
 
 
 def backbone(
@@ -313,9 +307,9 @@ def backbone(
         )
     motions = [motion.motion(point.unknowns) for point in points]
     zero = np.zeros(SAMPLES + 1)
-    rows = channel_rows(structure, channels)
-    along = _along(motion, points)
-    bands = (None,) * 4 if asked.posterior is None else _band(asked.posterior, motion, points, along)
+    outside = tuple(asked.farthest(structure.elongations(states[:, :count], zero)) for states in motions)
+    rows, along = channel_rows(structure, channels), _along(motion, points)
+    bands = {} if asked.posterior is None else _band(asked.posterior, motion, points, along)
     return Backbone(
         structure=structure,
         mode=mode,
@@ -325,17 +319,12 @@ def backbone(
         damping=along[:, 1],
         amplitude=np.array([amplitudes(states, rows, 1)[0] for states in motions]),
         starts=np.array([states[0, :count] for states in motions]),
-        lower=bands[0],
-        upper=bands[1],
-        lower_damping=bands[2],
-        upper_damping=bands[3],
         place=force or "",
         force=np.array([point.unknowns[-2] for point in points]) if force else None,
         reached=end is None or abs(end(points[-1])) <= _REACHED * abs(end(points[0])),
-        outside=tuple(asked.farthest(structure.elongations(states[:, :count], zero)) for states in motions)
-        if asked.ranges
-        else (),
+        outside=outside if asked.ranges else (),
         basis=asked.basis,
+        **bands,
     )
 
 
@@ -355,7 +344,7 @@ def _along(motion: ModalMotion, points: Sequence[Point]) -> Floats:
 
 def _band(
     posterior: Posterior, motion: ModalMotion, points: Sequence[Point], along: Floats
-) -> tuple[Floats | None, ...]:
+) -> dict[str, Any]:
     """The ends (P,) of the bands of frequency in Hz and of the damping ratio that draws of an answer have at the energies of
     its curve, which has angular frequencies, damping ratios and energies `along` it (P, 3); None where shapes of hosts are
     uncertain, on which the equations depend.
@@ -367,7 +356,7 @@ def _band(
     energy = along[:, 2]
     drawn = drawn_structures(posterior, _DRAWS, seed=0)
     if any(structure.shape_key != posterior.structure.shape_key for structure in drawn):
-        return (None,) * 4
+        return {}
     extremes = np.flatnonzero(np.diff(np.sign(np.diff(energy)))) + 1
     off = np.full((_DRAWS, len(points), 2), np.nan)
     for table, structure in zip(off, drawn, strict=True):
@@ -381,23 +370,20 @@ def _band(
             if len(found) > 1:
                 values = _along(own, found)
                 rising, order = np.argsort(energy[piece]), np.argsort(values[:, 2])
-                omega, ratio = (
-                    np.interp(values[:, 2], energy[piece][rising], along[piece, column][rising])
-                    for column in range(2)
-                )
+                curve = energy[piece][rising], along[piece][rising]
+                omega, ratio = (np.interp(values[:, 2], curve[0], column) for column in curve[1].T[:2])
                 own_off = np.stack([np.log(values[:, 0] / omega), values[:, 1] - ratio], axis=1)
                 own_off[values[:, 2] < _ROUNDING * energy.max()] = np.nan
                 for column in range(2):
                     table[piece, column] = np.interp(energy[piece], values[order, 2], own_off[order, column])
     lower, upper = spread(off)
     hz = along[:, 0] / (2.0 * np.pi)
-    damping = along[:, 1]
-    return (
-        hz * np.exp(lower[:, 0]),
-        hz * np.exp(upper[:, 0]),
-        damping + lower[:, 1],
-        damping + upper[:, 1],
-    )
+    return {
+        "lower": hz * np.exp(lower[:, 0]),
+        "upper": hz * np.exp(upper[:, 0]),
+        "lower_damping": along[:, 1] + lower[:, 1],
+        "upper_damping": along[:, 1] + upper[:, 1],
+    }
 
 
 def _linear_start(motion: ModalMotion, linear: Modes, mode: int, to_amplitude: Mapping[str, float]) -> Point:
@@ -442,15 +428,13 @@ def _positive(size: float, what: str) -> float:
 def _followed(motion: ModalMotion, start: Point, end: Callable[[Point], float] | None) -> list[Point]:
     """The points from `start` to the `end`."""
     omega = start.parameter
-    widest = (
-        (omega / (1.0 + _CHANGE), omega * (1.0 + _CHANGE)) if end is None else (1e-3 * omega, 1e3 * omega)
-    )
+    factor = 1.0 + _CHANGE if end is None else 1e3
 
     def reached(point: Point) -> bool:
         """Whether the end is reached, or rest: a curve may come back to a linear mode, that of another well."""
         return (end is not None and end(point) >= 0.0) or float(point.sizes[0]) < float(start.sizes[0])
 
-    steps = Steps(widest, longest=_LONGEST, most=_MOST, stop=reached)
+    steps = Steps((omega / factor, omega * factor), longest=_LONGEST, most=_MOST, stop=reached)
     points = [start, *follow(motion, start, steps)[0]]
     if end is not None and len(points) > 1 and end(points[-1]) > 0.0 > end(points[-2]):
         points[-1] = locate(motion, points[-2], points[-1], end) or points[-1]

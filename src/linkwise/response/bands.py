@@ -59,16 +59,15 @@ def _with_band(
     if not len(stable):
         return branch
     peaks = stable[branch.amplitude[stable].argmax(axis=0)]
-    at = np.unique(
-        np.concatenate([stable[np.linspace(0, len(stable) - 1, stations).round().astype(int)], peaks])
-    )
+    along = np.linspace(0, len(stable) - 1, stations).round().astype(int)
+    at = np.unique(np.concatenate([stable[along], peaks]))
     points = [curve.points[number][0] for number in at.tolist()]
     ways = [(b.unknowns - a.unknowns) / a.sizes for (a, _), (b, _) in pairwise(curve.points)]
     along = np.append(0.0, np.cumsum(np.linalg.norm(ways, axis=1)))
     motions = np.array([_shown(curve.equations, point.unknowns, rows) for point, _ in curve.points])
     of_draws = (_drawn(curve.equations.of(one), points, rows) - motions[at] for one in drawn)
     ratios = [half_height(motions + _everywhere(off, at, along)) / branch.amplitude for off in of_draws]
-    lower, upper = band_ends(np.array(ratios))
+    lower, upper = map(np.exp, spread(np.log(ratios)))
     lower[~branch.stable] = upper[~branch.stable] = np.nan
     return replace(branch, lower=lower * branch.amplitude, upper=upper * branch.amplitude)
 
@@ -79,12 +78,6 @@ def drawn_structures(posterior: Posterior, count: int, seed: int) -> list[Struct
         posterior.structure.with_values(dict(zip(posterior.names, values.tolist(), strict=True)))
         for values in posterior.mirrored_draws(count, seed)
     ]
-
-
-def band_ends(ratios: Floats) -> tuple[Floats, Floats]:
-    """The ends of the band, over the curve, of draws (R, ...) of what is positive over the curve, as of `spread`."""
-    lower, upper = spread(np.log(ratios))
-    return np.exp(lower), np.exp(upper)
 
 
 def spread(off: Floats) -> tuple[Floats, Floats]:
@@ -136,10 +129,8 @@ def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) 
     shorter period.
     """
     found = solve(equations, unknowns)
-    if found is None:
-        return None
-    off = float(np.abs((found.unknowns - unknowns) / point.sizes).max())
-    if off > _JUMP:
+    off = np.inf if found is None else float(np.abs((found.unknowns - unknowns) / point.sizes).max())
+    if found is None or off > _JUMP:
         return None
     if off > _FAR and isinstance(equations, Shooting) and repeats_sooner(equations, found):
         return None

@@ -21,9 +21,7 @@ from linkwise.records.channel_units import unit_in
 from linkwise.response.options import shown_channels
 from linkwise.response.shooting import channel_rows, free_phase
 from linkwise.simulation.energy import kinetic_energy, potential_energy
-from linkwise.simulation.integrator.formulas import (
-    PhaseIntegrator,
-)
+from linkwise.simulation.integrator.formulas import PhaseIntegrator
 from linkwise.verdict import UNGRADED, Basis, Verdict
 
 _TURNS = 10  # periods of the slowest mode between two looks at the energy
@@ -84,18 +82,15 @@ class Basins(JudgedView):
         dict
             "plane" with the values of both channels, "rests" with their shares, and "ends".
         """
-        names = self.structure.mass_names
+        names = [f"x:{name}" for name in self.structure.mass_names]
         return {
             "method": "basins",
             "structure": self.structure.name,
             **self._judgement(),
             "plane": dict(zip(self.plane, (values.tolist() for values in self.values), strict=True)),
             "rests": [
-                {
-                    "x": dict(zip((f"x:{name}" for name in names), rest.tolist(), strict=True)),
-                    "share": share,
-                }
-                for rest, share in zip(self.rests, self.shares.tolist(), strict=True)
+                {"x": dict(zip(names, rest, strict=True)), "share": share}
+                for rest, share in zip(self.rests.tolist(), self.shares.tolist(), strict=True)
             ],
             "ends": self.ends.tolist(),
         }
@@ -118,14 +113,10 @@ def basins_headline(result: Basins) -> tuple[str, ...]:
 def basins_rows(result: Basins) -> list[tuple[str, ...]]:
     """The share of each rest position, and where it is."""
     names = result.structure.mass_names
-    titles = ("rest", "share", *(f"x:{name}, {unit_in(result.structure, f'x:{name}')}" for name in names))
-    return [
-        titles,
-        *(
-            (f"{number}", f"{100 * share:.3g} %", *(f"{x:.4g}" for x in rest.tolist()))
-            for number, (rest, share) in enumerate(zip(result.rests, result.shares, strict=True), start=1)
-        ),
-    ]
+    rows = [("rest", "share", *(f"x:{name}, {unit_in(result.structure, f'x:{name}')}" for name in names))]
+    for number, (rest, share) in enumerate(zip(result.rests, result.shares, strict=True), start=1):
+        rows.append((f"{number}", f"{100 * share:.3g} %", *(f"{x:.4g}" for x in rest.tolist())))
+    return rows
 
 
 def basins(

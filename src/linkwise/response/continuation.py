@@ -21,7 +21,7 @@ _FEW, _MANY = 3, 6  # corrections after which steps grow or shrink
 _GROWTH = 1.6
 _BEND, _TURN = 0.96, 0.5  # cosine between tangents at the ends of a step, at least, and about a corner
 _CORNER = 1e-2  # step, relative to the longest, from which on a bend is one
-_MOST_TRIALS = 40  # of the place of a bifurcation
+_MOST_TRIALS, _LOCATED = 40, 1e-8  # of the place of a bifurcation, and to what part of a step it is located
 _SHORTEST = 1e-7  # step, relative to the longest
 
 
@@ -30,11 +30,9 @@ class Equations(Protocol):
 
     def __call__(self, unknowns: Floats) -> tuple[Floats, Floats]:
         """The residual (n,) and its Jacobian (n, n + 1); NaN where there is none."""
-        ...
 
     def sizes(self, unknowns: Floats) -> Floats:
         """The sizes (n + 1,) in which lengths along the curve are measured near these unknowns."""
-        ...
 
 
 class Point(NamedTuple):
@@ -124,8 +122,8 @@ def follow(equations: Equations, start: Point, steps: Steps) -> tuple[list[Point
         travelled += length
         if steps.stop(found):
             break
-        point, corrections = found, found.corrections
-        length *= _GROWTH if corrections <= _FEW else 0.5 if corrections >= _MANY else 1.0
+        point = found
+        length *= _GROWTH if found.corrections <= _FEW else 0.5 if found.corrections >= _MANY else 1.0
         length = min(length, steps.longest)
     return points, False
 
@@ -167,9 +165,7 @@ def between(equations: Equations, first: Point, last: Point, part: float) -> Poi
     return solve(equations, guess, first.tangent)
 
 
-def locate(
-    equations: Equations, first: Point, last: Point, test: Callable[[Point], float], tolerance: float = 1e-8
-) -> Point | None:
+def locate(equations: Equations, first: Point, last: Point, test: Callable[[Point], float]) -> Point | None:
     """The point between two neighbours of a curve where `test` changes its sign; None where it is not found."""
     ends = {0.0: first, 1.0: last}
 
@@ -182,27 +178,27 @@ def locate(
         return test(ends[part])
 
     try:
-        return ends[_zero(at, 1.0, tolerance)]
+        return ends[_zero(at)]
     except ArithmeticError:
         # beside a branch point, at which the equations are singular: the nearest that was found
         part = min(ends, key=lambda part: abs(test(ends[part])))
         return ends[part] if 0.0 < part < 1.0 else None
 
 
-def _zero(function: Callable[[float], float], end: float, tolerance: float) -> float:
-    """Where a function that changes its sign from 0 to `end` vanishes, to within a part of `end` (Illinois method)."""
-    low, high, at_low, at_high = 0.0, end, function(0.0), function(end)
-    moved_low = moved_high = False
+def _zero(function: Callable[[float], float]) -> float:
+    """Where a function that changes its sign from 0 to 1 vanishes (Illinois method)."""
+    low, high, at_low, at_high = 0.0, 1.0, function(0.0), function(1.0)
+    moved = ""
     for _ in range(_MOST_TRIALS):
         middle = (low * at_high - high * at_low) / (at_high - at_low)
         value = function(middle)
-        near = min(abs(middle - low), abs(middle - high)) < tolerance * abs(end)
+        near = min(abs(middle - low), abs(middle - high)) < _LOCATED
         if value * at_high > 0.0:
-            at_low *= 0.5 if moved_high else 1.0
-            high, at_high, moved_high, moved_low = middle, value, True, False
+            at_low *= 0.5 if moved == "high" else 1.0
+            high, at_high, moved = middle, value, "high"
         else:
-            at_high *= 0.5 if moved_low else 1.0
-            low, at_low, moved_high, moved_low = middle, value, False, True
+            at_high *= 0.5 if moved == "low" else 1.0
+            low, at_low, moved = middle, value, "low"
         if near or value == 0.0:
             break
     return middle

@@ -70,9 +70,8 @@ class HarmonicBalance(PeriodicEquations):
     def __post_init__(self) -> None:
         for link in self.structure.links:
             trees = (link.law.expression, *(rate for _, rate in link.law.named_rates))
-            if any(
-                isinstance(node, Call) and node.function == "sign" for tree in trees for node in walk(tree)
-            ):
+            calls = (node for tree in trees for node in walk(tree) if isinstance(node, Call))
+            if any(call.function == "sign" for call in calls):
                 raise StructureError(
                     f"the law {link.law.text} jumps (sign); steady motion needs a steep slope in its place, such as "
                     "F*tanh(v/s) with a small s for F*sign(v)",
@@ -108,10 +107,7 @@ class HarmonicBalance(PeriodicEquations):
         for number, link in enumerate(self.structure.links):
             names = link.law.states
             numbers = range(first, first + len(names))
-            arguments: list[Any] = [
-                *states[:, numbers].T,
-                *(link.values[name] for name in link.law.coefficients),
-            ]
+            arguments: list[Any] = [*states[:, numbers].T, *map(link.values.get, link.law.coefficients)]
             trees = (link.law.expression, *(rate for _, rate in link.law.named_rates))
             for state, tree in zip((None, *numbers), trees, strict=True):
                 program = partials_program(tree, (*names, *link.law.coefficients), names)
@@ -175,13 +171,8 @@ class HarmonicBalance(PeriodicEquations):
         count, width = self.structure.size, 2 * self.harmonics + 1
         half = 0.5 * np.ptp(self.motion(unknowns, 32), axis=0)
         sizes = np.maximum(half[2 * count :], _LEAST).repeat(width)
-        return np.concatenate(
-            [
-                np.full(count * width, max(half[:count].max(), _LEAST)),
-                sizes,
-                [frequency_size(unknowns[-1], self.bounds)],
-            ]
-        )
+        of_x = np.full(count * width, max(half[:count].max(), _LEAST))
+        return np.concatenate([of_x, sizes, [frequency_size(unknowns[-1], self.bounds)]])
 
     def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
         """(samples + 1, N) the motion over a period, its end included."""

@@ -63,18 +63,12 @@ class MeasuredPoints:
         list of dict
             "hz", the size and "amplitude" of each point.
         """
-        return [
-            {
-                "hz": hz,
-                **({excitation: size} if excitation else {}),
-                "amplitude": {
-                    name: value for name, value in zip(channels, values, strict=True) if value == value
-                },
-            }
-            for hz, size, values in zip(
-                self.hz.tolist(), self.size.tolist(), self.amplitude.tolist(), strict=True
-            )
-        ]
+        points: list[dict[str, Any]] = []
+        for hz, size, values in zip(self.hz.tolist(), self.size.tolist(), self.amplitude, strict=True):
+            measured = np.isfinite(values)
+            shown = zip(np.array(channels)[measured].tolist(), values[measured].tolist(), strict=True)
+            points.append({"hz": hz, **({excitation: size} if excitation else {}), "amplitude": dict(shown)})
+        return points
 
 
 def steady_points(record: Record, drive: Drive, channels: Sequence[Channel]) -> MeasuredPoints:
@@ -86,10 +80,9 @@ def steady_points(record: Record, drive: Drive, channels: Sequence[Channel]) -> 
     wanted = [drive.kind] if drive.kind == FORCE else ["x", "v", "a"]
     driven = _measured(record, wanted, drive.place)
     if driven is None:
-        raise RecordError(
-            f"measured points need the excitation, {' or '.join(f'{kind}:{drive.place}' for kind in wanted)}, and the record "
-            f"holds {', '.join(record.channels)}"
-        )
+        named = " or ".join(f"{kind}:{drive.place}" for kind in wanted)
+        held = ", ".join(record.channels)
+        raise RecordError(f"measured points need the excitation, {named}, and the record holds {held}")
     shown = [_measured(record, ("x", "v", "a"), channel.place) for channel in channels]
     if not any(shown):
         raise RecordError(
@@ -109,9 +102,7 @@ def steady_points(record: Record, drive: Drive, channels: Sequence[Channel]) -> 
         order = 0 if drive.kind == FORCE else drive.order - driven.order
         size = _half(signal[at], cycles, omega, order)
         own = [
-            np.nan
-            if name is None
-            else _half(record.channel(name)[at], cycles, omega, channel.order - name.order)
+            _half(record.channel(name)[at], cycles, omega, channel.order - name.order) if name else np.nan
             for name, channel in zip(shown, channels, strict=True)
         ]
         if np.isfinite(size) and np.isfinite(own).any():
@@ -175,8 +166,7 @@ def _half(values: Floats, cycles: Floats, omega: float, order: int) -> float:
     left = values[here] - basis[here] @ fitted
     if np.var(left) > (1.0 - _STEADY) * np.var(values[here]):
         return np.nan
-    harmonics = (fitted[1 : _HARMONICS + 1] - 1j * fitted[_HARMONICS + 1 :]) * (1j * k * omega) ** float(
-        order
-    )
+    harmonics = fitted[1 : _HARMONICS + 1] - 1j * fitted[_HARMONICS + 1 :]
+    harmonics = harmonics * (1j * k * omega) ** float(order)
     turn = np.exp(2j * np.pi * np.outer(np.linspace(0.0, 1.0, _SAMPLES, endpoint=False), k))
     return float(0.5 * np.ptp((turn @ harmonics).real))

@@ -28,10 +28,9 @@ from linkwise.simulation.run import run_time_parameters
 
 _FREQUENCY = 0.2  # of omega: its size
 _HARMONICS = 15
-_SETTLING, _HELD = (
-    5,
-    1e-9,
-)  # steps to states of a given motion, and the singular value, relative to the largest, of what is held
+_WIDTH = 2 * _HARMONICS + 1  # coefficients of a displacement or a state
+_SETTLING = 5  # steps to states of a given motion
+_HELD = 1e-9  # singular value, relative to the largest, of what is held
 _ROUNDING = 1e-13  # of the energy: a loss that is none
 _SMALL_FORCE = 0.01  # of mass times acceleration: the first guess of the force in resonance
 
@@ -195,10 +194,6 @@ class PhaseResonance(ModalMotion):
         """(n,) how much of a displacement, or of a force there, belongs to each mass."""
         return np.asarray(self.structure.topology.row(self.place))
 
-    @property
-    def _width(self) -> int:
-        return 2 * _HARMONICS + 1
-
     def _unforced(self, unknowns: Floats) -> Floats:
         """The unknowns of harmonic balance."""
         return np.append(unknowns[:-2], unknowns[-1])
@@ -207,16 +202,14 @@ class PhaseResonance(ModalMotion):
         """What the balance of each harmonic lacks, and the displacement in phase with the force; and the Jacobian."""
         residual, jacobian = self._balance(self._unforced(unknowns))
         count, size = len(residual), self.structure.size
-        cosines = np.arange(size) * self._width + 1
+        cosines = np.arange(size) * _WIDTH + 1
         force = np.zeros(count)
         force[cosines] = -self._onto
         in_phase = np.zeros(count + 2)
         in_phase[cosines] = self._onto
         balanced = np.column_stack([jacobian[:, :-1], force, jacobian[:, -1]])
-        return (
-            np.append(residual + unknowns[-2] * force, in_phase @ unknowns),
-            np.vstack([balanced, in_phase]),
-        )
+        driven = np.append(residual + unknowns[-2] * force, in_phase @ unknowns)
+        return driven, np.vstack([balanced, in_phase])
 
     def sizes(self, unknowns: Floats) -> Floats:
         """Those of harmonic balance, and the force itself."""
@@ -234,13 +227,12 @@ class PhaseResonance(ModalMotion):
         omega = 2.0 * np.pi * natural_frequencies(self.structure)[mode - 1]
         unknowns = self._balance.at_rest(linear.at, omega)
         along = np.zeros(len(unknowns))
-        sines = np.arange(len(shape)) * self._width + 2
+        sines = np.arange(len(shape)) * _WIDTH + 2
         unknowns[sines] += np.sign(share) * size * shape
         along[sines] = np.sign(share) * shape
-        states = slice(len(shape) * self._width, -1)
-        for _ in range(
-            _SETTLING
-        ):  # nothing holds the mean of a state that only follows a small motion, as that of friction
+        states = slice(len(shape) * _WIDTH, -1)
+        for _ in range(_SETTLING):
+            # nothing holds the mean of a state that only follows a small motion, as that of friction
             residual, jacobian = self._balance(unknowns)
             unknowns[states] -= np.linalg.lstsq(jacobian[states, states], residual[states], rcond=_HELD)[0]
         inertia = float(shape**2 @ self.structure.mass_values)
@@ -261,5 +253,5 @@ class PhaseResonance(ModalMotion):
 
     def loss(self, point: Point) -> float:
         """What the force supplies in a period."""
-        sines = point.unknowns[2 : self.structure.size * self._width : self._width]
+        sines = point.unknowns[2 : self.structure.size * _WIDTH : _WIDTH]
         return float(np.pi * point.unknowns[-2] * (self._onto @ sines))

@@ -32,7 +32,6 @@ _DISPLACEMENTS = {  # of the place that is driven, as what is harmonic is size*c
     "v": "size/omega*sin(omega*t)",
     "a": "-size/omega**2*cos(omega*t)",
 }
-_ORDERS = {"x": 0, "v": 1, "a": 2}
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class Drive:
     @property
     def order(self) -> int:
         """Which derivative of the displacement of the base is harmonic; 0 for a force."""
-        return _ORDERS.get(self.kind, 0)
+        return {"v": 1, "a": 2}.get(self.kind, 0)
 
     @property
     def expression(self) -> Expression:
@@ -210,37 +209,27 @@ class ResponseOptions:
     harmonics: int = field(default=0, metadata={"typed": "N"})
 
     def __post_init__(self) -> None:
-        given = [(FORCE, self.force), ("base", self.base)]
-        for name, value in given:
-            expect(f"ResponseOptions: {name}", value, Mapping, type(None))
-        if [len(value or {}) for _, value in given] not in ([1, 0], [0, 1]):
-            raise SimulationError(
-                'steady motion needs one excitation: force={"m1": 0.5}, or base={"a": 9.81}',
-                arguments=("excitation",),
-            )
-        if self.base and next(iter(self.base)) not in ("x", "v", "a"):
-            raise SimulationError(
-                f"the motion of the base is x, v or a, got {next(iter(self.base))!r}",
-                arguments=("excitation",),
-            )
+        for name in (FORCE, "base"):
+            expect(f"ResponseOptions: {name}", getattr(self, name), Mapping, type(None))
+        given = [*(self.force or ()), *(self.base or ())]
+        _require(
+            len(given) == 1,
+            'steady motion needs one excitation: force={"m1": 0.5}, or base={"a": 9.81}',
+            "excitation",
+        )
+        known = not self.base or given[0] in ("x", "v", "a")
+        _require(known, f"the motion of the base is x, v or a, got {given[0]!r}", "excitation")
         expect("ResponseOptions: hz", self.hz, tuple, list)
-        if len(self.hz) != 2 or not 0.0 < self.hz[0] < self.hz[1] < np.inf:
-            raise SimulationError(
-                f"frequencies must go from a positive one to a higher one, got {self.hz!r} Hz",
-                arguments=("hz",),
-            )
+        rising = len(self.hz) == 2 and 0.0 < self.hz[0] < self.hz[1] < np.inf
+        _require(rising, f"frequencies must go from a positive one to a higher one, got {self.hz!r} Hz", "hz")
         for size in self.sizes:
             expect("ResponseOptions: levels", size, float)
-            if not 0.0 < size < np.inf:
-                raise SimulationError(
-                    f"the amplitude of the excitation must be positive, got {size!r}", arguments=("levels",)
-                )
+            positive = 0.0 < size < np.inf
+            _require(positive, f"the amplitude of the excitation must be positive, got {size!r}", "levels")
         for name, least in (("starts", 0), ("seed", 0), ("draws", 2), ("harmonics", 0)):
-            expect(f"ResponseOptions: {name}", getattr(self, name), int)
-            if getattr(self, name) < least:
-                raise SimulationError(
-                    f"{name} must be at least {least}, got {getattr(self, name)}", arguments=(name,)
-                )
+            value = getattr(self, name)
+            expect(f"ResponseOptions: {name}", value, int)
+            _require(value >= least, f"{name} must be at least {least}, got {value}", name)
 
     @classmethod
     def of(cls, **keywords: Unpack[ResponseKeywords]) -> ResponseOptions:
@@ -261,8 +250,7 @@ class ResponseOptions:
         SimulationError
             If an option is invalid, or frequencies are missing.
         """
-        if "hz" not in keywords:
-            raise SimulationError("frequencies are needed: hz=(lowest, highest)", arguments=("hz",))
+        _require("hz" in keywords, "frequencies are needed: hz=(lowest, highest)", "hz")
         return cls(**keywords)
 
     @property
@@ -277,6 +265,12 @@ class ResponseOptions:
         if self.force:
             return Drive(FORCE, next(iter(self.force)))
         return Drive(next(iter(self.base or {})), "base")
+
+
+def _require(holds: bool, message: str, argument: str) -> None:
+    """SimulationError, which names the argument of `respond`, for options that cannot be."""
+    if not holds:
+        raise SimulationError(message, arguments=(argument,))
 
 
 def shown_channels(

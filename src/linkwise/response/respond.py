@@ -113,8 +113,7 @@ def respond(
         driven = (structure, chosen.drive, size, (low, high))
         within = part(progress, number / len(chosen.sizes), (number + 1) / len(chosen.sizes))
         if integrator is None:
-            balance = HarmonicBalance(*driven, chosen.harmonics or _HARMONICS)
-            search = _balanced(balance, before, within)
+            search = _balanced(HarmonicBalance(*driven, chosen.harmonics or _HARMONICS), before, within)
         else:
             search = _searched(Shooting(*driven, integrator), chosen, before, within)
         before = [shown.with_extremes(curve) for curve in search.curves]
@@ -128,11 +127,9 @@ def respond(
             "term that limits the motion, or its sign is wrong"
         )
     draws = 0 if asked.posterior is None else chosen.draws
-    seconds = time.perf_counter() - started
-    remark = "" if integrator else _BALANCED
-    return Response(
-        structure, chosen.drive, shown.channels, tuple(levels), draws, seconds, None, asked.basis, remark
-    )
+    seconds, remark = time.perf_counter() - started, "" if integrator else _BALANCED
+    about = structure, chosen.drive, shown.channels, tuple(levels), draws, seconds
+    return Response(*about, basis=asked.basis, remark=remark)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of motions from states at random that diverge
@@ -235,18 +232,14 @@ class _Shown:
     def _of(self, equations: PeriodicEquations, point: Point) -> _ShownMotion:
         """The motion at a point of a curve, which is kept: peaks are looked for in it, channel by channel."""
         if id(point) not in self._kept:
-            motion = equations.motion(point.unknowns)
-            outside = self._outside(equations, motion, point.parameter) if self.asked.ranges else ""
+            motion, structure = equations.motion(point.unknowns), self.asked.structure
+            phases: Floats = np.linspace(0.0, 2.0 * np.pi * equations.turns, len(motion))
+            base, _ = equations.base(point.parameter, phases)
+            outside = self.asked.farthest(structure.elongations(motion[:, : structure.size], base))
             shown = amplitudes(motion, self.rows, equations.turns)
             mean = self.rows @ motion[:-1].mean(axis=0)
             self._kept[id(point)] = _ShownMotion(point, *shown, mean, motion[0], outside)
         return self._kept[id(point)]
-
-    def _outside(self, equations: PeriodicEquations, motion: Floats, omega: float) -> str:
-        structure = self.asked.structure
-        phases: Floats = np.linspace(0.0, 2.0 * np.pi * equations.turns, len(motion))
-        base, _ = equations.base(omega, phases)
-        return self.asked.farthest(structure.elongations(motion[:, : structure.size], base))
 
     def with_extremes(self, curve: Curve) -> Curve:
         """The curve with points at the peak and the antiresonances of each channel."""

@@ -237,6 +237,7 @@ class Response(JudgedView):
         dict
             "levels" with "branches" of "points", "folds_hz" and "irregular", and "seconds".
         """
+        size = "force" if self.drive.kind == "force" else "base"
         return {
             "method": "respond",
             "structure": self.structure.name,
@@ -245,40 +246,21 @@ class Response(JudgedView):
             "units": {channel: unit_in(self.structure, channel) for channel in self.channels},
             "draws": self.draws,
             "findings": list(self.findings),
-            "levels": [self._level(level) for level in self.levels],
-            **self._measured(),
+            "levels": [{size: level.size, **self._level(level)} for level in self.levels],
+            **({} if self.measured is None else {"measured": self.measured.to_list(self.channels, size)}),
             "seconds": self.seconds,
         }
 
-    def _measured(self) -> dict[str, Any]:
-        return {} if self.measured is None else {"measured": self.measured.to_list(self.channels, self._size)}
-
-    @property
-    def _size(self) -> str:
-        return "force" if self.drive.kind == "force" else "base"
-
     def _level(self, level: ResponseLevel) -> dict[str, Any]:
-        return {
-            self._size: level.size,
-            "branches": [
-                {
-                    "turns": branch.turns,
-                    "points": [self._point(branch, number) for number in range(len(branch.hz))],
-                }
-                for branch in level.branches
-            ],
-            "folds_hz": level.folds_hz,
-            "irregular": [
-                {
-                    "hz": motion.hz,
-                    "kind": motion.kind,
-                    "exponent": motion.exponent,
-                    "lower": self._named(motion.lower),
-                    "upper": self._named(motion.upper),
-                }
-                for motion in level.irregular
-            ],
-        }
+        branches = [
+            {"turns": branch.turns, "points": [self._point(branch, k) for k in range(len(branch.hz))]}
+            for branch in level.branches
+        ]
+        irregular = [
+            {**vars(motion), "lower": self._named(motion.lower), "upper": self._named(motion.upper)}
+            for motion in level.irregular
+        ]
+        return {"branches": branches, "folds_hz": level.folds_hz, "irregular": irregular}
 
     def _named(self, values: Floats) -> dict[str, float]:
         return dict(zip(self.channels, np.asarray(values).tolist(), strict=True))
@@ -377,22 +359,19 @@ def _outline(branch: Branch) -> tuple[Floats, Floats]:
 
 
 def _findings(response: Response, level: ResponseLevel) -> list[str]:
-    unit = response.drive.unit
-    sentences = []
+    at, sentences = f"At {level.size:g} {response.drive.unit}", []
     leaving: dict[str, list[float]] = {}
     for branch in level.branches:
         for hz, link in zip(branch.hz.tolist(), branch.outside, strict=False):
-            if link:
-                leaving.setdefault(link, []).append(hz)
-    for link, hz in leaving.items():
-        sentences.append(
-            f"At {level.size:g} {unit}, from {min(hz):.4g} to {max(hz):.4g} Hz, link {link} moves farther than the record "
-            "did: its law is extrapolated there."
-        )
-    for kind in ("chaotic", "quasi-periodic"):
-        places = sorted({motion.hz for motion in level.irregular if motion.kind == kind})
-        if places:
+            leaving.setdefault(link, []).append(hz)
+    for link, places in leaving.items():
+        if link:
             sentences.append(
-                f"At {level.size:g} {unit}, some motions are {kind} at {', '.join(f'{hz:.4g}' for hz in places)} Hz."
+                f"{at}, from {min(places):.4g} to {max(places):.4g} Hz, link {link} moves farther than the record did: its "
+                "law is extrapolated there."
             )
+    for kind in ("chaotic", "quasi-periodic"):
+        if places := sorted({motion.hz for motion in level.irregular if motion.kind == kind}):
+            listed = ", ".join(f"{hz:.4g}" for hz in places)
+            sentences.append(f"{at}, some motions are {kind} at {listed} Hz.")
     return sentences

@@ -54,11 +54,9 @@ class Curve:
 
     def contains(self, motion: Point) -> bool:
         """Whether a motion is on the curve, begun at any turn of its period."""
-        starts = [motion.unknowns[:-1]]
-        if isinstance(self.equations, Shooting) and self.equations.turns > 1:
-            starts += list(
-                self.equations.after(motion.unknowns[:-1], motion.parameter, self.equations.turns - 1)
-            )
+        starts, equations = [motion.unknowns[:-1]], self.equations
+        if isinstance(equations, Shooting) and equations.turns > 1:
+            starts += list(equations.after(starts[0], motion.parameter, equations.turns - 1))
         return any(self._passes(np.append(start, motion.parameter), motion.sizes) for start in starts)
 
     def at(self, omega: float) -> Iterator[Floats]:
@@ -72,10 +70,7 @@ class Curve:
     def _passes(self, unknowns: Floats, sizes: Floats) -> bool:
         """Whether the curve passes through unknowns: through them goes the plane on which the curve is solved for."""
         for (first, _), (last, _) in pairwise(self.points):
-            chord, way = (
-                (last.unknowns - first.unknowns) / first.sizes,
-                (unknowns - first.unknowns) / first.sizes,
-            )
+            chord, way = ((end - first.unknowns) / first.sizes for end in (last.unknowns, unknowns))
             length, part = chord @ first.tangent, way @ first.tangent
             if length == 0.0 or not -0.01 <= part / length <= 1.01:
                 continue
@@ -141,8 +136,7 @@ class LevelSearch:
             turns = _turns(states, shooting.sizes(np.append(state, omega))[:-1])
             if turns and self._attracts(shooting.with_turns(turns), state, omega):
                 return
-        motion = irregular_motion(shooting, state, omega)
-        if motion is not None:
+        if motion := irregular_motion(shooting, state, omega):
             self.irregular.append(motion)
 
     def settle_between_tori(self, shooting: Shooting) -> None:
@@ -188,9 +182,7 @@ def whole_curve(equations: PeriodicEquations, start: Point) -> Curve:
     steps = Steps(equations.bounds, longest=_LONGEST, most=_MOST_POINTS, stop=is_wild)
     rising = np.eye(len(start.unknowns))[-1]
     forward, closed = follow(equations, turned(start, rising), steps)
-    backward: list[Point] = []
-    if not closed:
-        backward, _ = follow(equations, turned(start, -rising), steps)
+    backward = [] if closed else follow(equations, turned(start, -rising), steps)[0]
     back = [point._replace(tangent=-point.tangent) for point in reversed(backward)]
     points = [*back, turned(start, rising), *forward]
     marked = with_located(equations, points, _tests(equations))
@@ -230,10 +222,8 @@ def _add_vertex(
         way = _vertex(lengths, [height(point) for point in three])
         first = top - 1 if way < 0.0 else top
         part = 1.0 + way / lengths[0] if way < 0.0 else way / lengths[1]
-        if not _PEAK < part < 1.0 - _PEAK:
-            return
-        found = between(equations, points[first][0], points[first + 1][0], part)
-        if found is None:
+        ends = points[first][0], points[first + 1][0]
+        if not _PEAK < part < 1.0 - _PEAK or (found := between(equations, *ends, part)) is None:
             return
         points.insert(first + 1, (found, ""))
         if height(found) > height(three[1]):
@@ -259,10 +249,8 @@ def _branching_off(equations: Shooting, curve: Curve) -> Iterator[tuple[Shooting
     """
     for before, (point, name), after in zip(curve.points, curve.points[1:], curve.points[2:], strict=False):
         turns = equations.turns * (2 if name == DOUBLING else 1)
-        near = (before[0], after[0])
-        if name not in (DOUBLING, BRANCHING) or turns > 2:
-            continue
-        if all(np.abs(equations.multipliers(own)).max() > 1.0 for own in near):
+        unstable = (np.abs(equations.multipliers(own)).max() > 1.0 for own, _ in (before, after))
+        if name not in (DOUBLING, BRANCHING) or turns > 2 or all(unstable):
             continue
         longer = equations.with_turns(turns)
         first, second = np.linalg.svd(longer(point.unknowns)[1] * point.sizes)[2][-2:]

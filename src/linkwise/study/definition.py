@@ -5,7 +5,6 @@ tables as JSON).
 from __future__ import annotations
 
 import json
-import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ from importlib.resources import files
 from itertools import product
 from math import isfinite
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
@@ -36,7 +35,7 @@ from linkwise.study.methods import (
 )
 from linkwise.study.subject import Case, Subject, study_errors_at
 
-_Entry = TypeVar("_Entry", Subject, StudyMethod)
+_LEAST = {"first_seed": 0, "cycles": 1, "quick": 1}  # of whole numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,18 +83,14 @@ class Study:
         return f"<Study {self.name}: {parts}, {len(self.snr_db)} noise levels, {self.cycles} seeds>"
 
     def __post_init__(self) -> None:
-        named: dict[str, list[object]] = {
-            "structure": [subject.name for subject in self.subjects],
-            "snr_db": list(self.snr_db),
-            "method": [method.name for method in self.methods],
-        }
-        for key, values in named.items():
-            _check_distinct(key, values)
+        _check_distinct("structure", [subject.name for subject in self.subjects])
+        _check_distinct("snr_db", list(self.snr_db))
+        _check_distinct("method", [method.name for method in self.methods])
         for level in self.snr_db:
-            if not math.isfinite(level):
+            if not isfinite(level):
                 wanted = "a signal-to-noise ratio must be a finite number of dB"
                 raise StudyError(f"{wanted}, got {level!r}", "snr_db")
-        for key, least in (("first_seed", 0), ("cycles", 1), ("quick", 1)):
+        for key, least in _LEAST.items():
             if getattr(self, key) < least:
                 raise StudyError(f"must be at least {least}, got {getattr(self, key)}", key)
 
@@ -213,9 +208,7 @@ class Study:
         return {
             "name": self.name,
             "snr_db": list(self.snr_db),
-            "first_seed": self.first_seed,
-            "cycles": self.cycles,
-            "quick": self.quick,
+            **{key: getattr(self, key) for key in _LEAST},
             "structure": [subject.document() for subject in self.subjects],
             "method": [method.document() for method in self.methods],
         }
@@ -343,8 +336,7 @@ def read_study(study: str | Path) -> Study:
 
 def parse_study(text: str, source: str, folder: Path) -> Study:
     """The study in a TOML text; errors call it `source`, and relative paths are from `folder`."""
-    data = parse_toml(text, source, StudyError)
-    return build_study(data, source, folder)
+    return build_study(parse_toml(text, source, StudyError), source, folder)
 
 
 def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
@@ -357,10 +349,9 @@ def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
         for length in _lengths(entry, f"{source}, {path}")
     )
     methods = tuple(_method(entry, f"method[{i}]", source) for i, entry in enumerate(document.method))
-    counts = {key: getattr(document, key) for key in ("first_seed", "cycles", "quick")}
+    counts = {key: getattr(document, key) for key in _LEAST}
     try:
-        name = document.name or Path(source).stem
-        return Study(name, subjects, tuple(document.snr_db), methods, **counts)
+        return Study(document.name or Path(source).stem, subjects, tuple(document.snr_db), methods, **counts)
     except StudyError as error:
         raise StudyError(error.message, f"{source}, {error.where}") from None
 
@@ -382,15 +373,13 @@ def _with_variants(
 
 def _lengths(entry: _Structure, where: str) -> Iterator[tuple[float, float, tuple[str, ...]]]:
     """Each duration of a structure in s at each of its rates in Hz; where it lists several, what of these its name says."""
-    listed = []
+    listed: list[list[tuple[float, tuple[str, ...]]]] = []
     for key, unit in (("duration", "s"), ("rate", "Hz")):
         given = getattr(entry, key)
         if given == []:
             raise StudyError("must be a number, or a list of at least one", f"{where}.{key}")
         several = isinstance(given, list)
-        listed.append(
-            [(value, (f"{value:.6g} {unit}",) * several) for value in (given if several else [given])]
-        )
+        listed.append([(one, (f"{one:.6g} {unit}",)) for one in given] if several else [(given, ())])
     for (duration, first), (rate, second) in product(*listed):
         yield duration, rate, (*first, *second)
 

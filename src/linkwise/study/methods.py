@@ -141,16 +141,14 @@ def _identify(
     record = subject.measured(clean).with_noise(snr_db, seed=seed)
     estimate = identify(record, subject.stated_structure(seed), method=estimator)
     names = [parameter.name for parameter in estimate.parameters]
-    errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0))
-    if estimate.grade is Grade.REFUSED:
-        errors = errors[:0]
+    errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0)).tolist()
     true, found = subject.true_structure, estimate.structure
     return MethodResult(
         status=estimate.status,
         seconds=estimate.seconds,
         links={name: nmse(true.link(name), found.link(name), clean) for name in subject.judged_links},
         coefficients=dict(zip(names, map(float, estimate.values), strict=True)),
-        standard_errors=dict(zip(names, map(float, errors), strict=False)),
+        standard_errors={} if estimate.grade is Grade.REFUSED else dict(zip(names, errors, strict=False)),
         reason="" if estimate.trusted else estimate.explanation,
     )
 
@@ -174,10 +172,8 @@ def judged(structure: Structure, subject: Subject, clean: Record) -> tuple[dict[
     for name in subject.judged_links:
         true = truth.link(name)
         link = found.get(frozenset(true.between))
-        if link is None:
-            links[name] = nmse(true, Link(name, true.between, _NO_FORCE, {}), clean)
-        else:
-            links[name] = nmse(aligned.link(link.name), link, clean)
+        true = true if link is None else aligned.link(link.name)
+        links[name] = nmse(true, link or Link(name, true.between, _NO_FORCE, {}), clean)
     return links, {name: len(getattr(score, name)) for name in ("right", "missing", "extra")}
 
 
@@ -272,9 +268,9 @@ def _coefficients(link: Link, d: Floats, force: Floats) -> dict[str, float]:
         return {}
     partials = link.law.partials(d, np.zeros_like(d), link.values).by_coefficient
     columns = {name: values for name, values in partials.items() if np.any(values)}
-    sizes = [float(np.linalg.norm(values)) for values in columns.values()]
-    matrix = np.column_stack([values / size for values, size in zip(columns.values(), sizes, strict=True)])
-    solved = np.linalg.lstsq(matrix, force, rcond=None)[0] / sizes
+    matrix = np.column_stack(list(columns.values()))
+    sizes = np.linalg.norm(matrix, axis=0)
+    solved = np.linalg.lstsq(matrix / sizes, force, rcond=None)[0] / sizes
     return {f"{link.name}.{name}": float(value) for name, value in zip(columns, solved, strict=True)}
 
 
@@ -343,15 +339,12 @@ class DiscoveryMethod(StudyMethod, frozen=True):
         record = subject.measured(clean).with_noise(snr_db, seed=seed)
         discovery = discover(record, masses, terms=self.terms)
         links, terms = judged(discovery.structure, subject, clean)
+        values = [(link.name, *entry) for link in discovery.structure.links for entry in link.values.items()]
         return MethodResult(
             status=status_of(discovery.verdicts),
             seconds=discovery.seconds,
             links=links,
-            coefficients={
-                f"{link.name}.{name}": float(value)
-                for link in discovery.structure.links
-                for name, value in link.values.items()
-            },
+            coefficients={f"{link}.{name}": float(value) for link, name, value in values},
             reason=next((verdict.value for verdict in discovery.verdicts if verdict.forbids), ""),
             terms=terms,
         )
@@ -406,12 +399,10 @@ class SindyMethod(StudyMethod, frozen=True):
         fit = _regressor(self.regressor, self.threshold).fit(equations)
         seconds = perf_counter() - started
         support = fit.support[:, 0]
-        values = np.where(support, fit.coefficients[:, 0], 0.0)
-        structure = full.with_values(dict(zip(fit.names, map(float, values), strict=True)))
-        links, terms = judged(structure, subject, clean)
-        coefficients = dict(zip(np.array(fit.names)[support].tolist(), values[support].tolist(), strict=True))
-        found = {"links": links, "coefficients": coefficients, "terms": terms}
-        return _of_sindy(float(fit.residual[0]), seconds, **found)
+        values = dict(zip(fit.names, np.where(support, fit.coefficients[:, 0], 0.0).tolist(), strict=True))
+        links, terms = judged(full.with_values(values), subject, clean)
+        chosen = {name: values[name] for name in np.array(fit.names)[support].tolist()}
+        return _of_sindy(float(fit.residual[0]), seconds, links=links, coefficients=chosen, terms=terms)
 
     def _among_monomials(self, subject: Subject, record: Record) -> MethodResult:
         started = perf_counter()

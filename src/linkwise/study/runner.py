@@ -103,8 +103,7 @@ class _Queue:
         self._study, self._executor = study, executor
         self._text = study.text()
         self._began, self._worked, self.done = perf_counter(), 0.0, 0
-        self._pending = deque(pending)
-        self._deaths: Counter[Case] = Counter()
+        self._pending, self._deaths = deque(pending), Counter[Case]()
         self.running: dict[Future[list[CaseResult]], tuple[Case, ...]] = {}
 
     @property
@@ -141,9 +140,8 @@ class _Queue:
         for future in finished:
             cases = self.running.pop(future)
             if future.cancelled():
-                failure = StudyError(
-                    "the connection to the workers is lost; finished cases are stored, start the study again to continue"
-                )
+                lost = "the connection to the workers is lost"
+                failure = StudyError(f"{lost}; finished cases are stored, start the study again to continue")
             elif (error := future.exception()) is None:
                 results += future.result()
             elif (kind := self._executor.failure_kind(future)) is FailureKind.CANNOT_RUN:
@@ -239,11 +237,8 @@ def run_study(
     if not 1 <= part <= parts:
         raise StudyError(f"a shard is the i-th of n parts, as in 3/16, got {shard!r}")
     if definition.count > MOST_CASES:
-        raise StudyError(
-            f"a study has at most {MOST_CASES} cases, got {definition.count}; take fewer cycles, or make several "
-            "studies of it",
-            "cycles",
-        )
+        most = f"a study has at most {MOST_CASES} cases, got {definition.count}"
+        raise StudyError(f"{most}; take fewer cycles, or make several studies of it", "cycles")
     cases = tuple(definition.cases())[part - 1 :: parts]
     home = Path(folder) if shard is None else Path(folder) / SHARDS / f"{part}-of-{parts}"
     with open_store(home, definition) as store:

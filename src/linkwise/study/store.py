@@ -70,17 +70,13 @@ class Store:
 
         Raises StudyError for a case that is already done.
         """
-        rows = list(rows)
+        written = [(*astuple(row.case), msgspec.json.encode(row).decode()) for row in rows]
         keys = " AND ".join(f"{name} = ?" for name in _KEY)
+        repeated = f"DELETE FROM rows WHERE {keys} AND {_IS_REPEATED}"
         try:
             with self.database:
-                self.database.executemany(
-                    f"DELETE FROM rows WHERE {keys} AND {_IS_REPEATED}", [astuple(row.case) for row in rows]
-                )
-                self.database.executemany(
-                    "INSERT INTO rows VALUES (?, ?, ?, ?, ?)",
-                    [(*astuple(row.case), msgspec.json.encode(row).decode()) for row in rows],
-                )
+                self.database.executemany(repeated, [case for *case, _ in written])
+                self.database.executemany("INSERT INTO rows VALUES (?, ?, ?, ?, ?)", written)
         except sqlite3.Error as error:
             message = f"rows could not be written: {error}; earlier rows are not affected"
             if error.sqlite_errorcode == sqlite3.SQLITE_FULL:
@@ -243,10 +239,8 @@ def _unreadable(folder: Path, error: Exception) -> StudyError:
 def differences(before: Any, after: Any, path: str = "") -> list[str]:
     """Sentences on the differences between two documents, with the path of the key."""
     if isinstance(before, dict) and isinstance(after, dict):
-        pairs = {f"{path}.{key}".lstrip("."): key for key in [*before, *after]}
-        return [
-            line for at, key in pairs.items() for line in differences(before.get(key), after.get(key), at)
-        ]
+        pairs = {f"{path}.{key}".lstrip("."): (before.get(key), after.get(key)) for key in [*before, *after]}
+        return [line for at, pair in pairs.items() for line in differences(*pair, at)]
     lists = isinstance(before, list) and isinstance(after, list)
     if lists and any(isinstance(value, dict) for value in [*before, *after]):
         old, new = ({table["name"]: table for table in tables} for tables in (before, after))

@@ -113,14 +113,12 @@ class Subject:
         for key, part in self._excitation_by_key.items():
             with study_errors_at(key):
                 check_excitation(self.structure, Excitation(**part, base=self.base), self.duration)
-        with study_errors_at("sensors"):
-            self._channels  # noqa: B018
         if not self.unknown:
             raise StudyError("must name at least one", "unknown")
-        with study_errors_at("unknown"):
-            self.unknown_structure  # noqa: B018
-        with study_errors_at("judge"):
-            self.judged_links  # noqa: B018
+        derived = {"sensors": "_channels", "unknown": "unknown_structure", "judge": "judged_links"}
+        for key, attribute in derived.items():
+            with study_errors_at(key):
+                getattr(self, attribute)
 
     @property
     def _excitation_by_key(self) -> dict[str, dict[str, Any]]:
@@ -247,15 +245,11 @@ class Subject:
         dict
             Plain data, for TOML or JSON.
         """
-        own = {
-            **vars(self),
-            "toml": format_structure(self.structure),
-            "impulse": list(map(asdict, self.impulses)),
-        }
-        stated: dict[str, Any] = json.loads(
-            json.dumps({key: own[key] for key in _KEYS if own[key] is not None}, default=_plain)
-        )
-        return stated
+        impulses = list(map(asdict, self.impulses))
+        own = {**vars(self), "toml": format_structure(self.structure), "impulse": impulses}
+        stated = {key: own[key] for key in _KEYS if own[key] is not None}
+        document: dict[str, Any] = json.loads(json.dumps(stated, default=_plain))
+        return document
 
 
 def _plain(value: Any) -> dict[str, Any] | float:

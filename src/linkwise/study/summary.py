@@ -244,10 +244,10 @@ class StudySummary(JudgedView):
         StudySummary
             The cells in the order in which they appear.
         """
-        cells = [
+        cells = (
             Cell(structure, inside[0].masses, snr_db, method, len(inside), *_answered(inside))
             for (structure, snr_db, method), inside in _by_cell(rows).items()
-        ]
+        )
         return cls("", tuple(cells))
 
     @property
@@ -380,11 +380,8 @@ def _cell(key: tuple[str, float, str], true: Structure, expected: int, rows: Seq
 
 def _answered(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
     """The rows with and without an answer: an error of forces, or terms that were judged."""
-    answers: list[Row] = []
-    failures: list[Row] = []
-    for row in rows:
-        (answers if np.isfinite(_error(row)) or row.exact is not None else failures).append(row)
-    return tuple(answers), tuple(failures)
+    judged = [(np.isfinite(_error(row)) or row.exact is not None, row) for row in rows]
+    return tuple(row for yes, row in judged if yes), tuple(row for yes, row in judged if not yes)
 
 
 def _error(row: Row) -> float:
@@ -586,26 +583,21 @@ def cell_record(cell: Cell) -> dict[str, Any]:
     with one extra.
     """
     errors = [row.nmse for row in cell.answers if row.nmse is not None]
-    other = {
-        "cases": cell.expected,
-        "failed": len(cell.failures),
-        "median": cell.nmse,
-        "worst": max(errors, default=None),
-    }
+    other = {"cases": cell.expected, "failed": len(cell.failures), "median": cell.nmse}
+    other["worst"] = max(errors, default=None)
     return {name: other[name] if name in other else getattr(cell, name) for name in _OF_CELL}
 
 
 def _line(record: dict[str, Any], judged: bool) -> tuple[str, ...]:
     """A line of the table; where methods are `judged` by their terms, with how many answers have the true ones."""
     counts = (record["exact"], record["wrong_trusted"], record["extra_trusted"]) if judged else ()
-    return (
-        record["method"],
-        *("-" if record[key] is None else f"{record[key]:.3g}" for key in ("median", "worst")),
-        *(str(record[key]) for key in ("failed", "untrusted", "done")),
-        covered(record["coverage"], record["intervals"]),
-        "-" if record["seconds"] is None else f"{record['seconds']:.3g}",
-        *("-" if count is None else str(count) for count in counts),
+    median, worst, seconds = (
+        "-" if record[key] is None else f"{record[key]:.3g}" for key in ("median", "worst", "seconds")
     )
+    numbers = (str(record[key]) for key in ("failed", "untrusted", "done"))
+    last = (covered(record["coverage"], record["intervals"]), seconds)
+    terms = ("-" if count is None else str(count) for count in counts)
+    return record["method"], median, worst, *numbers, *last, *terms
 
 
 def covered(coverage: float | None, intervals: int) -> str:

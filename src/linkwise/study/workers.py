@@ -137,10 +137,12 @@ class Executor(ABC):
 
     batch_seconds: float  # how long a batch should take, so that submitting it costs little in comparison
 
+    _count: int  # of workers
+
     @property
-    @abstractmethod
     def slots(self) -> int:
         """How many batches should be submitted at a time."""
+        return _BATCHES_PER_WORKER * self._count
 
     @abstractmethod
     def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
@@ -165,10 +167,6 @@ class GivenExecutor(Executor):
 
     def __init__(self, executor: concurrent.futures.Executor, count: int) -> None:
         self._executor, self._count = executor, count
-
-    @property
-    def slots(self) -> int:
-        return _BATCHES_PER_WORKER * self._count
 
     def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
         return self._executor.submit(run_batch, batch)
@@ -198,10 +196,6 @@ class ProcessExecutor(Executor):
         self._pools: list[ProcessPoolExecutor] = []
         self._submitted: list[list[Future[list[CaseResult]]]] = [[] for _ in range(count)]  # oldest first
         self._context = multiprocessing.get_context("spawn")
-
-    @property
-    def slots(self) -> int:
-        return _BATCHES_PER_WORKER * self._count
 
     def __enter__(self) -> Self:
         self._pipe: tuple[Connection, Connection] = self._context.Pipe(duplex=False)
