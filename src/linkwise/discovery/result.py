@@ -20,7 +20,6 @@ from linkwise.display import (
     align_columns,
     format_chi_square,
     format_duration,
-    format_error,
     format_percent,
     format_value,
     paragraph,
@@ -28,7 +27,7 @@ from linkwise.display import (
 )
 from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
+from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate, coefficient_row
 from linkwise.model.structure import Structure
 from linkwise.verdict import Decision, Grade, Verdict, admit_intervals
 
@@ -464,20 +463,10 @@ def _term_row(
     `without` stands for the margin of what was not tested.
     """
     mark = "" if evidence is None or evidence.certain or not marked else "  in doubt"
-    if coefficient.known:
-        error = "given"
-    elif coefficient.standard_error is None:
-        error = "none"
-    else:
-        error = format_error(coefficient.standard_error)
-    return (
-        coefficient.name.key,
-        format_value(coefficient.value, coefficient.standard_error),
-        error,
-        rough(coefficient.value / coefficient.standard_error) if coefficient.standard_error else "",
-        without if evidence is None else rough(evidence.margin),
-        f"{coefficient.unit}{mark}",
-    )
+    key, value, error, _, unit = coefficient_row(coefficient, coefficient.name.key)
+    z = rough(coefficient.value / coefficient.standard_error) if coefficient.standard_error else ""
+    margin = without if evidence is None else rough(evidence.margin)
+    return key, value, error, z, margin, f"{unit}{mark}"
 
 
 def doubtful_title(discovery: Discovery) -> str:

@@ -263,6 +263,13 @@ class Estimate(JudgedView):
         return Grade.REFUSED if grade is Grade.APPROXIMATE and withheld else grade
 
     @property
+    def without_intervals(self) -> str:
+        """Why there are no intervals: the answer is refused, or its method gives none; empty where there are."""
+        if self.grade is Grade.REFUSED:
+            return self.status
+        return "" if self.intervals else f"{self.method} gives no intervals"
+
+    @property
     def explanation(self) -> str:
         """`message`, the advice of verdicts on the identified laws, and what intervals are beside more than noise."""
         advice = (verdict.value for verdict in self.verdicts if verdict not in self.fit_verdicts)
@@ -581,16 +588,14 @@ class Estimate(JudgedView):
     def _link(self, index: int) -> LinkEstimate:
         link = self.structure.links[index]
         free, covariance = self._free_coefficients(index)
-        told = self.grade is not Grade.REFUSED and self.intervals
-        has_intervals = told and link.name not in self.links_in_doubt
+        has_intervals = not self.without_intervals and link.name not in self.links_in_doubt
         units, values, v = link.law.units, link.values, self.motion.v[:, index]
-        coefficients = (
-            self._coefficient(Name(link.name, key), index, units[key], values[key])
-            for key in link.coefficients
-        )
         return LinkEstimate(
             link=link,
-            coefficients=tuple(coefficients),
+            coefficients=tuple(
+                self._coefficient(Name(link.name, key), index, units[key], values[key])
+                for key in link.coefficients
+            ),
             d_range=(float(self.motion.d_range[index, 0]), float(self.motion.d_range[index, 1])),
             v_range=(float(np.nanmin(v)), float(np.nanmax(v))),
             free=free,

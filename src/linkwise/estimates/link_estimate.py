@@ -428,7 +428,7 @@ _ROUNDING = 1e-12  # of the largest power
 _OF_THE_TIME = 0.01
 
 
-def active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[CoefficientEstimate]:
+def _active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[CoefficientEstimate]:
     """Coefficients that are negative by more than their interval and whose force alone would then supply energy at all
     times, at elongations `d` in m and rates `v` in m/s (R,). Such are those of dampers and friction: a positive one
     opposes the motion everywhere.
@@ -444,25 +444,10 @@ def active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[Co
             yield coefficient
 
 
-def supplying_time(link: LinkEstimate, d: Floats, v: Floats) -> float:
-    """Part of the time, from 0 to 1, that a link as a whole supplies energy to the motion `d` in m and `v` in m/s (R,), by
-    more than its intervals; 0 without intervals, with memory or signals, and below a hundredth.
-    """
-    if link.covariance is None or not link.free or not link.link.law.is_plain:
-        return 0.0
-    power, slopes = _dissipated(link.link, link.free, d, v)
-    deviation = link.deviation(slopes)
-    part = float(np.mean((deviation > 0.0) & (power < -NORMAL_95 * deviation)))
-    return part if part > _OF_THE_TIME else 0.0
-
-
 def supplied_power(link: Link, free: Sequence[str], covariance: Floats, d: Floats, v: Floats) -> float | None:
     """Mean power in W that a link supplies to the motion `d` in m and `v` in m/s (R,); None unless it is above three
     standard errors, by the `covariance` (q, q) of its `free` coefficients.
     """
-    moving, resting = (link.law.force(d, rate, link.values) for rate in (v, np.zeros_like(v)))
-    if not np.any((moving - resting) * v < 0.0):
-        return None  # it dissipates all the time, whatever the errors
     powers, slopes_in_time = _dissipated(link, free, d, v)
     power, slopes = float(np.mean(powers)), np.mean(slopes_in_time, axis=1)
     deviation = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
@@ -486,20 +471,17 @@ def bound_findings(parameters: Sequence[Parameter], free: Bools, structure: Stru
     """Sentences on the unknowns that their bounds stopped, where `free` (p,) is False, with the named law that has no such
     bound where there is one.
     """
-    for parameter, is_free in zip(parameters, free, strict=True):
-        if not is_free:
-            named = [named_law_of(structure.links[index].law) for index, _ in parameter.members if index >= 0]
-            wider = next((law.wider for law in named if law is not None and law.wider), "")
-            advice = "widen the bound if it is not physical"
-            if wider:
-                advice = f'the law "{wider}" has no such bound, and takes loops that this one cannot have'
-            yield f"{parameter.name} was stopped by its bound and has no interval; {advice}."
+    for number in np.flatnonzero(~free).tolist():
+        parameter, advice = parameters[number], "widen the bound if it is not physical"
+        for law in (named_law_of(structure.links[index].law) for index, _ in parameter.members if index >= 0):
+            if law is not None and law.wider:
+                advice = f'the law "{law.wider}" has no such bound, and takes loops that this one cannot have'
+        yield f"{parameter.name} was stopped by its bound and has no interval; {advice}."
 
 
 def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:
     """Sentences on one identified link, which supplies a significant mean power in W to the motion, or None."""
-    for find in (_extrapolated, _correlated, _insignificant):
-        yield from find(link)
+    yield from (*_extrapolated(link), *_correlated(link), *_insignificant(link))
     if supply is not None:
         yield (
             f"{link.link.name} feeds energy into the motion, {supply:.3g} W on average, which no damper does. An applied "
@@ -508,21 +490,24 @@ def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:
 
 
 def energy_findings(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
-    """Sentences on a link that supplies energy during a part of its motion `d` in m and `v` in m/s (R,): one for each
-    coefficient that is negative there, or one for the link.
+    """Sentences on a link that supplies energy during a part of its motion `d` in m and `v` in m/s (R,), by more than its
+    intervals: one for each coefficient that is negative there, or one for the link.
     """
-    negative = tuple(active_coefficients(link, d, v))
-    part = supplying_time(link, d, v)
-    if not link.link.law.is_plain:  # whose energy the motion alone does not tell
-        feeds = "it would feed energy"
-    elif part > 0.0:
+    feeds = "it would feed energy"  # of memory or signals, whose energy the motion alone does not tell
+    if link.link.law.is_plain:
+        if link.covariance is None or not link.free:
+            return
+        power, slopes = _dissipated(link.link, link.free, d, v)
+        deviation = link.deviation(slopes)
+        part = float(np.mean((deviation > 0.0) & (power < -NORMAL_95 * deviation)))
+        if not part > _OF_THE_TIME:
+            return
         feeds = f"{link.link.name} feeds energy for {100.0 * part:.2g} % of the time"
-    else:
-        return
     feeds += " into the motion, which no damper or friction does. A missing term, link or applied force can have this effect."
+    negative = tuple(_active_coefficients(link, d, v))
     for coefficient in negative:
         yield f"{coefficient.name} is negative, {coefficient.value:.3g} {coefficient.unit}: {feeds}"
-    if not negative and part > 0.0:
+    if not negative and link.link.law.is_plain:
         yield feeds
 
 
