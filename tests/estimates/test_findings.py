@@ -9,14 +9,8 @@ from problems import chain_record
 from structures import link, structure
 
 import linkwise as lw
-from linkwise.estimates.link_estimate import (
-    CoefficientEstimate,
-    LinkEstimate,
-    bound_findings,
-    energy_findings,
-    link_findings,
-    supplied_power,
-)
+from linkwise.estimates.findings import bound_findings, energy_findings, link_findings, supplied_power
+from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 from linkwise.model.coefficient import Name
 
 TIME = np.arange(400) / 1000.0

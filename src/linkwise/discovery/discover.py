@@ -14,7 +14,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, DiscoveryKeywords, DiscoveryOptions, candidates_for
-from linkwise.discovery.checks import DataChecks, check_data
+from linkwise.discovery.data_checks import DataChecks, check_data
 from linkwise.discovery.inexact import (
     select_beyond_white_noise,
     select_nearly_right,
@@ -22,8 +22,7 @@ from linkwise.discovery.inexact import (
 )
 from linkwise.discovery.judgement import judged_discovery
 from linkwise.discovery.memory import no_memory_remark, select_memory
-from linkwise.discovery.model_average import MemoryEvidence
-from linkwise.discovery.result import Discovery
+from linkwise.discovery.result import Discovery, MemoryEvidence
 from linkwise.discovery.rivals import Rival, rival_frequencies
 from linkwise.discovery.screen import weak_start
 from linkwise.discovery.screened_records import ScreenedRecords

@@ -32,6 +32,7 @@ from linkwise.estimates.causes import (
     SensorErrorEstimate,
     UnseenTerm,
 )
+from linkwise.estimates.findings import bound_findings, energy_findings, link_findings, supplied_power
 from linkwise.estimates.link_estimate import (
     COEFFICIENT_HEAD,
     NORMAL_95,
@@ -39,12 +40,8 @@ from linkwise.estimates.link_estimate import (
     DerivedQuantity,
     LinkEstimate,
     LinkMotion,
-    bound_findings,
     coefficient_row,
-    energy_findings,
-    link_findings,
     moving_mass,
-    supplied_power,
 )
 from linkwise.inspection.inspect import EstimatedError, unanswered_alerts
 from linkwise.inspection.result import Alert

@@ -13,7 +13,7 @@ from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate, link_document
 from linkwise.estimates.link_estimate import CoefficientEstimate
 from linkwise.identification.identify import METHODS, identify
-from linkwise.identification.validation.validate import validate
+from linkwise.identification.validate import validate
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record

@@ -13,7 +13,7 @@ from structures import oscillator, row_of_masses
 
 import linkwise as lw
 from linkwise.cli import run
-from linkwise.inspection.levels.quantities import distortion
+from linkwise.inspection.level_quantities import distortion
 
 pytestmark = pytest.mark.slow
 

@@ -19,7 +19,7 @@ from linkwise.errors import IdentificationError, RecordError, StructureError
 from linkwise.estimates.causes import CROSSTALK, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
-from linkwise.identification.validation.result import CoefficientAgreement
+from linkwise.identification.validation_result import CoefficientAgreement
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected
 from linkwise.likelihood.estimate import MaximumLikelihood
 from linkwise.model.coefficient import MASS, Coefficient, Name
