@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35764  # lines of all files of tests
+TESTS = 35711  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -20,8 +20,8 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "export": (9, 787),
     "expression": (6, 1083),
     "files": (14, 1943),
-    "identification": (12, 2401),
-    "inspection": (9, 1884),
+    "identification": (12, 2393),
+    "inspection": (9, 1875),
     "likelihood": (68, 14398),
     "modal": (5, 853),
     "model": (17, 2995),

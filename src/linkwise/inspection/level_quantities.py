@@ -486,7 +486,8 @@ def acceleration_surfaces(
             highpass(part, record.rate, _SLOW * slowest) if order < name.order else part
             for order, part in enumerate(motion)
         ]
-        surfaces.append(AccelerationSurface(name, *(part[inner] for part in parts), unit=unit))
+        displacement, velocity, acceleration = (part[inner] for part in parts)
+        surfaces.append(AccelerationSurface(name, displacement, velocity, acceleration, unit))
     surfaces.sort(key=lambda surface: -float(np.std(surface.displacement)))
     return tuple(surfaces[:_MOST_CHANNELS])
 
