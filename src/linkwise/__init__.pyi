@@ -37,8 +37,8 @@ from linkwise.identification.best_test import best_test as best_test
 from linkwise.identification.identify import identify as identify
 from linkwise.identification.identify import nmse as nmse
 from linkwise.identification.limit import limit as limit
-from linkwise.identification.validation.result import Validation as Validation
-from linkwise.identification.validation.validate import validate as validate
+from linkwise.identification.validate import validate as validate
+from linkwise.identification.validation_result import Validation as Validation
 from linkwise.inspection.inspect import inspect as inspect
 from linkwise.likelihood.estimate import MaximumLikelihood as MaximumLikelihood
 from linkwise.model.chains import bnes_chain as bnes_chain

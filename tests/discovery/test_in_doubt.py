@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from present import some
 from problems import chain_discovery
-from scipy.signal import lfilter
+from random_signals import autoregressive
 from structures import link, oscillator, row_of_masses, structure
 from within import masses
 
@@ -45,9 +45,7 @@ def test_links_in_doubt_beside_coloured_noise_are_not_trusted() -> None:
     by it, with a damping 6.6 standard errors off."""
     true = two_of_four_joined()
     clean = lw.simulate(true, release={"v:m1": 1.0}, duration=2.0, rate=RATE)
-    rng = np.random.default_rng(1000)
-    noise = rng.normal(size=clean.values.shape)
-    noise[:, 0] = lfilter([np.sqrt(1.0 - 0.7**2)], [1.0, -0.7], noise[:, 0])  # AR(1) of unit power
+    noise = autoregressive(np.random.default_rng(1000), clean.values.shape, 0.7)
     size = np.sqrt(np.mean(clean.values**2, axis=0)) * 10.0**-1.5  # 30 dB
     discovery = lw.discover(replace(clean, values=clean.values + size * noise), masses(true))
     assert "correlated from sample to sample in x:m1" in discovery.estimate.message

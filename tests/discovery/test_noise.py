@@ -2,15 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 import scipy.linalg
 from present import present, some
 from problems import chain_record
-from random_signals import differenced
-from scipy.signal import lfilter
+from random_signals import autoregressive, differenced
 from structures import row_of_masses
 from within import assert_discovered, masses
 
@@ -22,13 +21,6 @@ pytestmark = pytest.mark.slow
 RATE, STIFFNESS, DAMPING = 100.0, 1000.0, 3.0  # N/m, N s/m of both links; masses of 1 kg
 STEADY = 2000  # samples before a record, after which its start is forgotten
 NOISE = 1e-4  # m, of displacements of some mm
-
-
-def remembering(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
-    """AR(1) of 0.7 in the first sensor, white in the second, of unit power."""
-    noise = rng.normal(size=shape)
-    noise[:, 0] = lfilter([np.sqrt(1.0 - 0.7**2)], [1.0, -0.7], noise[:, 0])
-    return noise
 
 
 def noisy(record: lw.Record, draw: Callable[..., np.ndarray], seed: int) -> lw.Record:
@@ -49,6 +41,7 @@ def test_coloured_noise_is_told_from_missing_terms() -> None:
 def test_the_evidence_counts_how_well_gains_are_known() -> None:
     """A gain that both sensors share scales the cubic term alone, by the square of it."""
     chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
+    remembering = partial(autoregressive, correlation=0.7)  # in the first sensor, white in the second
     discovery = lw.discover(noisy(clean, remembering, 7), masses(chain), calibration={"common": 0.005})
     assert discovery.trusted
     cubic = next(term for term in discovery.kept if term.name == "m2-m1.k3")

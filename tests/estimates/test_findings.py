@@ -9,14 +9,8 @@ from problems import chain_record
 from structures import link, structure
 
 import linkwise as lw
-from linkwise.estimates.link_estimate import (
-    CoefficientEstimate,
-    LinkEstimate,
-    bound_findings,
-    energy_findings,
-    link_findings,
-    supplied_power,
-)
+from linkwise.estimates.findings import bound_findings, energy_findings, link_findings, supplied_power
+from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 from linkwise.model.coefficient import Name
 
 TIME = np.arange(400) / 1000.0
@@ -119,17 +113,8 @@ def test_a_record_says_what_its_sink_did() -> None:
 
 def findings_of(law: str, amplitude: float, /, **values: float) -> list[str]:
     """What is said of a link that swings so far at 1 rad/s, its coefficients known to 1 %."""
-    errors = {name: 0.01 * abs(value) for name, value in values.items()}
-    estimates = tuple(
-        CoefficientEstimate(
-            Name("link", name), value, "?", False, error, (value - 2 * error, value + 2 * error)
-        )
-        for (name, value), error in zip(values.items(), errors.values(), strict=True)
-    )
-    subject = link("link", "m1-ground", law, **values)
-    covariance = np.diag(np.square(list(errors.values())))
-    reach = (-amplitude, amplitude)
-    estimate = LinkEstimate(subject, estimates, reach, reach, tuple(values), covariance, 1.0)
+    errors = [0.01 * abs(value) for value in values.values()]
+    estimate = link_estimate(law, values, errors, (-amplitude, amplitude))
     phase = np.linspace(0.0, 2.0 * np.pi, 1000, endpoint=False)
     return list(energy_findings(estimate, amplitude * np.sin(phase), amplitude * np.cos(phase)))
 
@@ -151,13 +136,13 @@ def test_a_coefficient_that_feeds_energy_is_named(
     amplitude: float, c: float, c2: float, named: list[str]
 ) -> None:
     findings = findings_of(FALLING, amplitude, c=c, c2=c2)
-    assert [line.partition(" is negative")[0] for line in findings] == [f"link.{name}" for name in named]
+    assert [line.partition(" is negative")[0] for line in findings] == [f"sink.{name}" for name in named]
 
 
 def test_a_law_that_feeds_energy_without_a_negative_coefficient_is_named() -> None:
     """c v (d^2 - e^2) gives about the middle: within arcsin(1/2) of it, a third of the time."""
     [finding] = findings_of("c*v*(d**2 - 0.5**2)", 1.0, c=2.0)
-    assert finding.startswith("link feeds energy for 33 % of the time into the motion")
+    assert finding.startswith("sink feeds energy for 33 % of the time into the motion")
     # friction that is smaller at larger rates is not named: -v |v| beside it is less than that everywhere
     assert findings_of("fc*sign(v) + c2*v*abs(v)", 1.0, fc=1.0, c2=-0.5) == []
     assert findings_of("fc*sign(v) + c2*v*abs(v)", 1.5, fc=1.0, c2=-0.5) != []

@@ -10,8 +10,8 @@ from linkwise.analysis.rest_positions import equilibria as equilibria
 from linkwise.identification.best_test import BestTest as BestTest
 from linkwise.identification.best_test import Plan as Plan
 from linkwise.identification.limit_result import Limit as Limit
-from linkwise.identification.validation.prediction import FreeRun as FreeRun
-from linkwise.identification.validation.prediction import free_run as free_run
+from linkwise.identification.prediction import FreeRun as FreeRun
+from linkwise.identification.prediction import free_run as free_run
 from linkwise.simulation.simulate import OrbitEnvelope as OrbitEnvelope
 from linkwise.simulation.simulate import orbit_envelope as orbit_envelope
 

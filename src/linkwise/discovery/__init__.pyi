@@ -2,10 +2,10 @@
 
 from linkwise.discovery.candidates import DiscoveryOptions as DiscoveryOptions
 from linkwise.discovery.discover import check_discovery as check_discovery
-from linkwise.discovery.model_average import MemoryEvidence as MemoryEvidence
 from linkwise.discovery.model_average import ModelAverage as ModelAverage
-from linkwise.discovery.model_average import PathPoint as PathPoint
-from linkwise.discovery.model_average import RunnerUp as RunnerUp
+from linkwise.discovery.result import MemoryEvidence as MemoryEvidence
+from linkwise.discovery.result import PathPoint as PathPoint
+from linkwise.discovery.result import RunnerUp as RunnerUp
 from linkwise.discovery.result import TermEvidence as TermEvidence
 from linkwise.discovery.terms import Term as Term
 from linkwise.discovery.terms import parse_terms as parse_terms

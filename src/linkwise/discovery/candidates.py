@@ -7,6 +7,7 @@ terms that are selected on the same pair join the law of the first of them.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import final
@@ -25,7 +26,6 @@ from linkwise.discovery.terms import (
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError, expect
 from linkwise.expression import Number
 from linkwise.likelihood.options import AskedFor, AskedKeywords
-from linkwise.likelihood.terms import Stated
 from linkwise.likelihood.tests.score_test import CandidateForce
 from linkwise.model.coefficient import Coefficient, check_unique
 from linkwise.model.host import Host, rotations_of
@@ -379,13 +379,6 @@ def _mass(name: str, value: float | str) -> Mass:
     return Mass(name, number, unit)
 
 
-def _copied(stated: Stated) -> Stated:
-    """What was stated of random forces, so that it stays as it is; what is neither is refused where it is used."""
-    if isinstance(stated, Mapping):
-        return dict(stated)
-    return tuple(stated) if isinstance(stated, Sequence) and not isinstance(stated, str) else stated
-
-
 class DiscoveryKeywords(AskedKeywords, total=False):
     """The fields of `DiscoveryOptions`."""
 
@@ -466,8 +459,9 @@ class DiscoveryOptions(AskedFor):
             given = getattr(self, name) or ()
             expect(f"DiscoveryOptions: {name}", given, str, tuple, list)
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
+        # copies, so that the options stay as they were stated
         for name in ("calibration", "harmonics", "hums"):
             object.__setattr__(self, name, dict(getattr(self, name) or {}))
         for name in ("ambient", "input_noise", "drifts", "corners", "clocks"):
-            object.__setattr__(self, name, _copied(getattr(self, name) or ()))
+            object.__setattr__(self, name, copy(getattr(self, name) or ()))
         parse_terms(terms, possible_signals(terms))  # raises what is wrong with them

@@ -277,9 +277,8 @@ class QuadraticModel:
             weak = [k for k, number in enumerate(chosen) if z[k] < limit and number not in always]
             if not weak:
                 return chosen
-            weak.sort(key=lambda k: z[k])
-            eliminated = set(weak[: max(1, len(weak) // _ELIMINATED)])
-            chosen = [number for k, number in enumerate(chosen) if k not in eliminated]
+            weakest = sorted(weak, key=lambda k: z[k])[: max(1, len(weak) // _ELIMINATED)]
+            chosen = np.delete(chosen, weakest).tolist()
 
     def forward_selection(self, always: frozenset[int], limit: float) -> list[int]:
         """Add the coefficient with the largest |z| to `always`, drop what it makes insignificant, until none is above `limit`.

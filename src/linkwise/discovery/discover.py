@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from math import inf
 from time import perf_counter
-from typing import NamedTuple, Unpack
+from typing import TypeAlias, Unpack
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, DiscoveryKeywords, DiscoveryOptions, candidates_for
-from linkwise.discovery.checks import DataChecks, check_data
+from linkwise.discovery.data_checks import DataChecks, check_data
 from linkwise.discovery.inexact import (
     select_beyond_white_noise,
     select_nearly_right,
@@ -21,8 +22,7 @@ from linkwise.discovery.inexact import (
 )
 from linkwise.discovery.judgement import judged_discovery
 from linkwise.discovery.memory import no_memory_remark, select_memory
-from linkwise.discovery.model_average import MemoryEvidence
-from linkwise.discovery.result import Discovery
+from linkwise.discovery.result import Discovery, MemoryEvidence
 from linkwise.discovery.rivals import Rival, rival_frequencies
 from linkwise.discovery.screen import weak_start
 from linkwise.discovery.screened_records import ScreenedRecords
@@ -176,20 +176,18 @@ def discover(
     found: dict[LikelihoodFit, Discovery] = {}
 
     def search(records: Sequence[Record], sensors: LikelihoodOptions) -> LikelihoodFit:
-        selected = _select(candidates, checks, progress, records, sensors)
+        fit, discovery = _select(candidates, checks, progress, records, sensors)
         if of_kind(sensors.errors, HighPass):  # which is followed once more, without the noise of its channel
-            denoised = with_denoised(selected.fit, records, sensors.errors)
-            selected = _select(candidates, checks, progress, records, replace(sensors, errors=denoised))
-        found[selected.fit] = selected.discovery
-        return selected.fit
-
-    def report(fit: LikelihoodFit, records: Sequence[Record]) -> Discovery:
-        return found[fit]
+            denoised = replace(sensors, errors=with_denoised(fit, records, sensors.errors))
+            fit, discovery = _select(candidates, checks, progress, records, denoised)
+        found[fit] = discovery
+        return fit
 
     driven, sensors = with_harmonics(search, records, sensors)
 
     def answered(options: LikelihoodOptions) -> Discovery:
-        return answer_with_sensors(search, driven, options, chosen.admit, report, finish=lambda fit, _: fit)
+        report, finish = (lambda fit, _: found[fit]), (lambda fit, _: fit)
+        return answer_with_sensors(search, driven, options, chosen.admit, report, finish=finish)
 
     discovery = answered(sensors)
     if not (chosen.as_stated or chosen.admit or sensors.random or candidates.memory):
@@ -209,34 +207,26 @@ def _beside_errors(
 
     def beside(rung: _Rung) -> _Rung | None:
         """The discovery beside the error that is named first; None where nothing is left, or others would explain it."""
-        if rung.discovery.grade is Grade.EXPLAINED:
-            return None
-        error = distinct_error(rung.discovery.estimate.diagnosis)
+        options, discovery, added = rung
+        error = None if discovery.grade is Grade.EXPLAINED else distinct_error(discovery.diagnosis)
         if error is None or error.kind in _STANDS_FOR_LAWS:
             return None
-        wider = with_error(rung.options, error, records[0])
-        if wider is None:
-            return None
-        try:
-            return _Rung(wider, answered(wider), (*rung.added, error))
-        except IdentificationError:
-            return None
+        wider = with_error(options, error, records[0])
+        with suppress(IdentificationError):
+            return None if wider is None else (wider, answered(wider), (*added, error))
+        return None
 
-    first = _Rung(options, stated, ())
-    last = explained(first, beside, _ERRORS)
-    estimate = last.discovery.estimate
+    first: _Rung = (options, stated, ())
+    _, discovery, added = explained(first, beside, _ERRORS)
+    estimate = discovery.estimate
     white = (estimate.chi_square_per_sample or 0.0) < WHITE
-    if last is first or last.discovery.grade is not Grade.EXPLAINED or not white:
+    if not added or discovery.grade is not Grade.EXPLAINED or not white:
         return stated
-    return replace(last.discovery, estimate=replace(estimate, added=as_found(last.added, estimate)))
+    return replace(discovery, estimate=replace(estimate, added=as_found(added, estimate)))
 
 
-class _Rung(NamedTuple):
-    """A discovery by some options, with the errors that were `added` to those stated."""
-
-    options: LikelihoodOptions
-    discovery: Discovery
-    added: tuple[Cause, ...]
+_Rung: TypeAlias = tuple[LikelihoodOptions, Discovery, tuple[Cause, ...]]
+"""A discovery by some options, with the errors that were added to those stated."""
 
 
 def _sensors(chosen: DiscoveryOptions, records: Sequence[Record], structure: Structure) -> LikelihoodOptions:
@@ -270,21 +260,14 @@ def _require_force_scale(records: Sequence[Record], structure: Structure, errors
         ) from None
 
 
-class _Selected(NamedTuple):
-    """The fit of what a search found, and the discovery."""
-
-    fit: LikelihoodFit
-    discovery: Discovery
-
-
 def _select(
     candidates: Candidates,
     checks: DataChecks,
     progress: Progress,
     records: Sequence[Record],
     sensors: LikelihoodOptions,
-) -> _Selected:
-    """Screen the candidates, and select among them with the errors of `sensors`.
+) -> tuple[LikelihoodFit, Discovery]:
+    """Screen the candidates, and select among them with the errors of `sensors`: the fit of what is found, and the discovery.
 
     Exact laws come first. Where they leave more than white noise, coloured noise of a sensor may explain it, then memory in a
     link, then a model error; laws that seem exact and yet lack a term are searched once more with a model error.
@@ -295,9 +278,9 @@ def _select(
 
     def judged(
         selection: Selection, memory: Sequence[MemoryEvidence] = (), frequencies: Sequence[Rival] = ()
-    ) -> _Selected:
+    ) -> tuple[LikelihoodFit, Discovery]:
         discovery = judged_discovery(checks, screened, selection, records, memory, frequencies)
-        return _Selected(selection.fit, discovery)
+        return selection.fit, discovery
 
     search = TermSearch(
         records,
@@ -322,21 +305,20 @@ def _select(
         selection = select_nearly_right(search, exact, known=with_model_error)
     frequencies = rival_frequencies(search, selection) if candidates.hosts else ()
     progress(ProgressReport(_SEARCHED, "judging the terms selected"))
-    found = judged(selection, frequencies=frequencies)
-    if not candidates.memory and _may_remember(selection, found.discovery):
-        remembering = _with_memory(search, screened, exact, *found.discovery.diagnosis[:1])
+    fit, discovery = judged(selection, frequencies=frequencies)
+    if not candidates.memory and _may_remember(selection, discovery):
+        remembering = _with_memory(search, screened, exact, *discovery.diagnosis[:1])
         if remembering is not None:
             return judged(*remembering)
-    if selection.is_exact and _lacks_a_term(found.discovery):
+    if selection.is_exact and _lacks_a_term(discovery):
         simpler = select_nearly_right(search, selection, screened.first)
         reduced = judged(simpler)
-        follows = Verdict.SYSTEMATIC_MISFIT in found.discovery.verdicts
-        trusted = admit_intervals(reduced.discovery.verdicts)
+        follows = Verdict.SYSTEMATIC_MISFIT in discovery.verdicts
         # links may stand in for terms that were not offered
         fewer = simpler.settled and len(simpler.structure.links) < len(selection.structure.links)
-        if (follows and trusted) or fewer:
+        if (follows and admit_intervals(reduced[1].verdicts)) or fewer:
             return reduced
-    return found
+    return fit, discovery
 
 
 def _starting_values(

@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.checks import DataChecks
 from linkwise.discovery.criterion import QuadraticModel, inverse_of
-from linkwise.discovery.model_average import PathPoint, RunnerUp
+from linkwise.discovery.data_checks import DataChecks
 from linkwise.discovery.prediction import Excess, block_parabolas
-from linkwise.discovery.result import TermEvidence
+from linkwise.discovery.result import PathPoint, RunnerUp, TermEvidence
 from linkwise.discovery.selection import Selection, singular
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95

@@ -16,8 +16,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.criterion import CERTAIN, QuadraticModel
-from linkwise.discovery.model_average import PathPoint
 from linkwise.discovery.prediction import BlockParabolas, block_parabolas
+from linkwise.discovery.result import PathPoint
 from linkwise.discovery.selection import Rounds, Selection, Start, TermSearch, starts_of
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit

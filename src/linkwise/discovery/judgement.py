@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.checks import DataChecks
+from linkwise.discovery.data_checks import DataChecks
 from linkwise.discovery.evidence import (
     DroppedTerms,
     dropped_terms_remark,
@@ -19,8 +19,8 @@ from linkwise.discovery.evidence import (
     widened,
 )
 from linkwise.discovery.inexact import choice_remarks
-from linkwise.discovery.model_average import MemoryEvidence, model_average
-from linkwise.discovery.result import Discovery
+from linkwise.discovery.model_average import model_average
+from linkwise.discovery.result import Discovery, MemoryEvidence
 from linkwise.discovery.rivals import (
     Rival,
     rival_errors,

@@ -19,7 +19,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
-from linkwise.discovery.model_average import MemoryEvidence
+from linkwise.discovery.result import MemoryEvidence
 from linkwise.discovery.rivals import link_rates
 from linkwise.discovery.screen import skeleton
 from linkwise.discovery.screened_records import ScreenedRecords

@@ -13,14 +13,13 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
 from linkwise.discovery.criterion import CERTAIN
-from linkwise.discovery.model_average import MemoryEvidence, ModelAverage, PathPoint, RunnerUp
+from linkwise.discovery.model_average import ModelAverage
 from linkwise.discovery.terms import Term
 from linkwise.display import (
     JudgedView,
     align_columns,
     format_chi_square,
     format_duration,
-    format_error,
     format_percent,
     format_value,
     paragraph,
@@ -28,7 +27,7 @@ from linkwise.display import (
 )
 from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
+from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate, coefficient_row
 from linkwise.model.structure import Structure
 from linkwise.verdict import Decision, Grade, Verdict, admit_intervals
 
@@ -138,6 +137,167 @@ class TermEvidence:
     def penalty(self) -> float:
         """The penalty on the term in the criterion: a term is kept if z**2 exceeds it."""
         return self.z**2 - self.margin if self.kept else self.z**2 + self.margin
+
+
+@dataclass(frozen=True)
+class PathPoint:
+    """A model on the path: the best of its size, one term away from the one before.
+
+    Costs are those of the quadratic model at the selected point: exact there, and rough far from it.
+
+    Attributes
+    ----------
+    terms : int
+        The number of terms.
+    cost : float
+        -2 log likelihood above that of the largest model on the path.
+    criterion : float
+        Cost plus penalty, above that of the selected model.
+    step : str
+        The term added ("+ m2-m1.k3") or dropped ("- m2-m1.c") on the way from the selected model.
+    chosen : bool
+        Whether this is the selected model.
+    prediction : float
+        What the model pays more than the selected one for pieces of the records that both were not fitted to, in -2 log
+        likelihood: each of ten pieces is left out in turn. NaN where the records are too short.
+    scatter : float
+        Standard error of that, from how far the pieces disagree.
+    share : float
+        The force of the term of `step` over that of its link, as root mean squares along the motion; NaN where no such link
+        was found.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> chosen = next(point for point in discovery.path if point.chosen)
+    >>> chosen.terms == len(discovery.kept), chosen.criterion
+    (True, 0.0)
+    """
+
+    terms: int
+    cost: float
+    criterion: float
+    step: str
+    chosen: bool
+    prediction: float = nan
+    scatter: float = nan
+    share: float = nan
+
+
+@dataclass(frozen=True)
+class RunnerUp:
+    """A model that differs from the selected one by one term.
+
+    Attributes
+    ----------
+    change : str
+        The difference in words, "without m2-m1.c".
+    margin : float
+        By how much its criterion is higher.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
+    >>> margins = [model.margin for model in discovery.runners_up]
+    >>> margins == sorted(margins)
+    True
+    """
+
+    change: str
+    margin: float
+
+
+@dataclass(frozen=True)
+class MemoryEvidence:
+    """The evidence that a link has memory, by a named law.
+
+    Margins are on the scale of -2 log likelihood. A fit that stops before it converges, since it leaves too much, gives a
+    lower bound of one.
+
+    Attributes
+    ----------
+    link : str
+        The name of the link, "m2-m1".
+    between : tuple of str
+        Its ends.
+    law : str
+        The name of the law, "bouc-wen".
+    kept : bool
+        Whether the discovered structure has this law; the others explain the records as well.
+    coefficients : tuple of str
+        The names of the coefficients of the part with memory, "m2-m1.F".
+    over_links : float
+        By how much the criterion rises if the best other link has memory in its place; infinite if there is no other.
+    over_laws : float
+        By how much it rises with the best other law on this link; infinite if no other was tried, below zero for a law that
+        was not kept.
+    over_none : float
+        By how much it rises if no link has memory, whatever usual forms of d and v this link has in place of it.
+    unambiguous : bool
+        Whether the fit can be trusted.
+
+    References
+    ----------
+    R. E. Kass and A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995), for the scale of the margins.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> evidence = lw.discovery.MemoryEvidence(
+    ...     "m1-ground", ("m1", "ground"), "dahl", True, ("m1-ground.Fc",), 250.0, 3.0, 120.0, True
+    ... )
+    >>> evidence.decision is lw.discovery.Decision.CERTAIN, evidence.law_certain
+    (True, False)
+    """
+
+    link: str
+    between: tuple[str, str]
+    law: str
+    kept: bool
+    coefficients: tuple[str, ...]
+    over_links: float
+    over_laws: float
+    over_none: float
+    unambiguous: bool
+
+    @property
+    def decision(self) -> Decision:
+        """How firm it is that this link has memory, whatever the law."""
+        firm = self.unambiguous and min(self.over_links, self.over_none) > CERTAIN
+        return Decision.CERTAIN if firm else Decision.DOUBTFUL
+
+    @property
+    def certain(self) -> bool:
+        """Whether it is certain that this link has memory."""
+        return self.decision is Decision.CERTAIN
+
+    @property
+    def law_certain(self) -> bool:
+        """Whether no other law that was tried explains the records as well."""
+        return self.certain and self.over_laws > CERTAIN
+
+    @property
+    def margin(self) -> float:
+        """The least of the margins over other links and over no memory."""
+        return min(self.over_links, self.over_none)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The evidence as plain data.
+
+        Returns
+        -------
+        dict
+            The attributes, and "decision".
+        """
+        plain = asdict(self)
+        plain["between"], plain["coefficients"] = list(self.between), list(self.coefficients)
+        return {**plain, "decision": self.decision.value, "law_certain": self.law_certain}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -464,20 +624,10 @@ def _term_row(
     `without` stands for the margin of what was not tested.
     """
     mark = "" if evidence is None or evidence.certain or not marked else "  in doubt"
-    if coefficient.known:
-        error = "given"
-    elif coefficient.standard_error is None:
-        error = "none"
-    else:
-        error = format_error(coefficient.standard_error)
-    return (
-        coefficient.name.key,
-        format_value(coefficient.value, coefficient.standard_error),
-        error,
-        rough(coefficient.value / coefficient.standard_error) if coefficient.standard_error else "",
-        without if evidence is None else rough(evidence.margin),
-        f"{coefficient.unit}{mark}",
-    )
+    key, value, error, _, unit = coefficient_row(coefficient, coefficient.name.key)
+    z = rough(coefficient.value / coefficient.standard_error) if coefficient.standard_error else ""
+    margin = without if evidence is None else rough(evidence.margin)
+    return key, value, error, z, margin, f"{unit}{mark}"
 
 
 def doubtful_title(discovery: Discovery) -> str:

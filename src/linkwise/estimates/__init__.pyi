@@ -15,10 +15,10 @@ from linkwise.estimates.link_estimate import LinkMotion as LinkMotion
 from linkwise.estimates.uncertainty import Posterior as Posterior
 from linkwise.estimates.uncertainty import read_posterior as read_posterior
 from linkwise.identification.limit_result import LinkLimit as LinkLimit
-from linkwise.identification.validation.result import ChannelPrediction as ChannelPrediction
-from linkwise.identification.validation.result import CoefficientAgreement as CoefficientAgreement
-from linkwise.identification.validation.result import ErrorProfile as ErrorProfile
-from linkwise.identification.validation.result import ErrorSpectrum as ErrorSpectrum
+from linkwise.identification.validation_result import ChannelPrediction as ChannelPrediction
+from linkwise.identification.validation_result import CoefficientAgreement as CoefficientAgreement
+from linkwise.identification.validation_result import ErrorProfile as ErrorProfile
+from linkwise.identification.validation_result import ErrorSpectrum as ErrorSpectrum
 from linkwise.progress import Progress as Progress
 from linkwise.progress import ProgressReport as ProgressReport
 

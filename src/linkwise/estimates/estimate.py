@@ -32,6 +32,7 @@ from linkwise.estimates.causes import (
     SensorErrorEstimate,
     UnseenTerm,
 )
+from linkwise.estimates.findings import bound_findings, energy_findings, link_findings, supplied_power
 from linkwise.estimates.link_estimate import (
     COEFFICIENT_HEAD,
     NORMAL_95,
@@ -39,12 +40,8 @@ from linkwise.estimates.link_estimate import (
     DerivedQuantity,
     LinkEstimate,
     LinkMotion,
-    bound_findings,
     coefficient_row,
-    energy_findings,
-    link_findings,
     moving_mass,
-    supplied_power,
 )
 from linkwise.inspection.inspect import EstimatedError, unanswered_alerts
 from linkwise.inspection.result import Alert
@@ -261,6 +258,13 @@ class Estimate(JudgedView):
         grade = Grade.worst(verdict.grade for verdict in self.verdicts)
         withheld = not (self.approximate or admit_intervals(self.verdicts))
         return Grade.REFUSED if grade is Grade.APPROXIMATE and withheld else grade
+
+    @property
+    def without_intervals(self) -> str:
+        """Why there are no intervals: the answer is refused, or its method gives none; empty where there are."""
+        if self.grade is Grade.REFUSED:
+            return self.status
+        return "" if self.intervals else f"{self.method} gives no intervals"
 
     @property
     def explanation(self) -> str:
@@ -581,16 +585,14 @@ class Estimate(JudgedView):
     def _link(self, index: int) -> LinkEstimate:
         link = self.structure.links[index]
         free, covariance = self._free_coefficients(index)
-        told = self.grade is not Grade.REFUSED and self.intervals
-        has_intervals = told and link.name not in self.links_in_doubt
+        has_intervals = not self.without_intervals and link.name not in self.links_in_doubt
         units, values, v = link.law.units, link.values, self.motion.v[:, index]
-        coefficients = (
-            self._coefficient(Name(link.name, key), index, units[key], values[key])
-            for key in link.coefficients
-        )
         return LinkEstimate(
             link=link,
-            coefficients=tuple(coefficients),
+            coefficients=tuple(
+                self._coefficient(Name(link.name, key), index, units[key], values[key])
+                for key in link.coefficients
+            ),
             d_range=(float(self.motion.d_range[index, 0]), float(self.motion.d_range[index, 1])),
             v_range=(float(np.nanmin(v)), float(np.nanmax(v))),
             free=free,

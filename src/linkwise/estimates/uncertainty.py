@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from linkwise.model.coefficient import MASS, Name
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
-from linkwise.verdict import STATUSES, UNGRADED, Basis, Grade, Verdict
+from linkwise.verdict import STATUSES, UNGRADED, Basis, Verdict
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
@@ -91,22 +90,22 @@ class Posterior:
         IdentificationError
             If the estimate is not trusted or its method gives no intervals.
         """
-        refused = estimate.grade is Grade.REFUSED
-        if refused or not estimate.intervals:
-            why = estimate.status if refused else f"{estimate.method} gives no intervals"
+        if estimate.without_intervals:
             raise IdentificationError(
-                f"this estimate has no covariance to draw from ({why}); identify again until the estimate can be trusted, or "
-                "use its structure without uncertainty"
+                f"this estimate has no covariance to draw from ({estimate.without_intervals}); identify again until the "
+                "estimate can be trusted, or use its structure without uncertainty"
             )
         dense = estimate.covariance
         covariance = dense if isinstance(dense, np.ndarray) else dense.toarray()
         free = np.flatnonzero(estimate.free).tolist()
         members = [(number, slot) for number in free for slot in estimate.parameters[number].members]
         which = np.array([number for number, _ in members], dtype=int)
+        structure = estimate.structure
+        owners = [*(link.name for link in structure.links), *structure.mass_names[::-1]]
         dropped = estimate.for_dropped_terms
         return cls(
-            estimate.structure,
-            tuple(_name(estimate.structure, slot) for _, slot in members),
+            structure,
+            tuple(Name(owners[index], key) for _, (index, key) in members),
             np.ascontiguousarray(covariance[np.ix_(which, which)]),
             np.array([estimate.parameters[number].lower for number in which]),
             np.array([estimate.parameters[number].upper for number in which]),
@@ -301,7 +300,10 @@ def read_posterior(folder: str | Path) -> Posterior:
         structure.coefficient(name)
     _require_unedited(folder, structure)
     dropped = parts[1] if _FOR_DROPPED_TERMS in (lines[0] if lines else ()) else None
-    return Posterior(structure, names, parts[0], *_bounds(names), dropped, Basis.stated_in(folder))
+    # folders store no bounds
+    lower = np.array([np.finfo(float).tiny if name.key == MASS else -np.inf for name in names])
+    upper = np.full(len(names), np.inf)
+    return Posterior(structure, names, parts[0], lower, upper, dropped, Basis.stated_in(folder))
 
 
 def _require_unedited(folder: Path, structure: Structure) -> None:
@@ -333,12 +335,6 @@ def _require_unedited(folder: Path, structure: Structure) -> None:
         )
 
 
-def _bounds(names: Sequence[Name]) -> tuple[Floats, Floats]:
-    """Bounds, which folders do not store: masses are positive, others unbounded."""
-    lower = np.array([np.finfo(float).tiny if name.key == MASS else -np.inf for name in names])
-    return lower, np.full(len(names), np.inf)
-
-
 def _entry(path: Path, number: int, line: list[str]) -> tuple[Name, Name, float, float]:
     """Two names, their covariance, and the part of it for dropped terms."""
     try:
@@ -366,9 +362,3 @@ def _missing(folder: Path) -> str:
     else:
         why = " in this folder; identify again with this version"
     return f"there is no covariance{why}, or give its structure.toml"
-
-
-def _name(structure: Structure, slot: tuple[int, str]) -> Name:
-    index, key = slot
-    owner = structure.links[index] if index >= 0 else structure.masses[-1 - index]
-    return Name(owner.name, key)

@@ -17,7 +17,7 @@ from linkwise.errors import OutputError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.export.templates import filled
-from linkwise.identification.validation.answer import ValidatedAnswer
+from linkwise.identification.validated_answer import ValidatedAnswer
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
 from linkwise.verdict import UNGRADED, Basis

@@ -13,7 +13,7 @@ from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate, link_document
 from linkwise.estimates.link_estimate import CoefficientEstimate
 from linkwise.identification.identify import METHODS, identify
-from linkwise.identification.validation.validate import validate
+from linkwise.identification.validate import validate
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
@@ -186,20 +186,15 @@ def compare(record: Record, structure: Structure, *, progress: Progress = silent
     found = [_predicted("ml", best, record)]
     for number, name in enumerate((name for name in METHODS if name != "ml"), start=1):
         progress(ProgressReport(step * (2 + number), name))
-        found.append(_by(name, record, structure))
+        try:
+            found.append(_predicted(name, identify(record, structure, method=METHODS.lookup(name)()), record))
+        except LinkwiseError as error:
+            found.append(MethodAnswer(name, None, _reason(error)))
     missing, richer = (cause for cause in best.diagnosis if not cause.is_instrument), best.alternative
     if richer is not None:
         name = f"ml with {' and '.join(cause.label for cause in richer.added)}"
         found.append(_predicted(name, richer, record))
     return Comparison(record, tuple(found), next(missing, None))
-
-
-def _by(name: str, record: Record, structure: Structure) -> MethodAnswer:
-    """The answer of a method, or why there is none."""
-    try:
-        return _predicted(name, identify(record, structure, method=METHODS.lookup(name)()), record)
-    except LinkwiseError as error:
-        return MethodAnswer(name, None, _reason(error))
 
 
 def _predicted(name: str, estimate: Estimate, record: Record) -> MethodAnswer:

@@ -222,7 +222,7 @@ def _forces_with_memory(true: Link, estimated: Link, record: Record) -> tuple[Fl
     nodes = np.minimum(step * np.arange(_SUBSTEPS * (len(record) - 1) + 1), motion.end)
     d, v = motion.value(nodes), motion.derivative(nodes)
     states = {} if record.simulated is None else record.simulated.states
-    forces = []
+    forces: list[Floats] = []
     for link in (true, estimated):
         start = [float(states.get(f"{true.name}.{name}", [0.0])[0]) for name in link.law.states]
         path = LinkPath.of(link.law, link.values, d, v, step, np.array(start))

@@ -189,8 +189,7 @@ def limit(
     fine = record
     if refinement > 1:
         fine = test(duration=record.duration, rate=rate * refinement, progress=part(progress, 0.2, 0.5))
-    expected = [true.coefficient(parameter.name).value for parameter in unknown_structure.parameters]
-    values = np.array(expected, dtype=float)
+    values = np.array([true.coefficient(p.name).value for p in unknown_structure.parameters], dtype=float)
     pieces = _pieces(_on_samples(fine, refinement), excitation.get("impulses", ()))
     if not pieces:
         raise IdentificationError(
@@ -205,10 +204,12 @@ def limit(
     scales = Scales(np.array(list(sigma.values())), _units(record, names), units)
 
     def bound(count: int, of_inputs: Mapping[str, float] | None = None) -> Precision | None:
-        cut = _cut(pieces, unknown_structure, system, values, count * refinement)
-        random = _random_inputs(*cut, scales, true, of_inputs, refinement) if of_inputs else None
+        steps = count * refinement
+        segments = cut_segments(pieces, unknown_structure, system, samples=steps, refine=1)
+        point = Iterate(_nodes(pieces, steps, names), values, np.zeros(0))
+        random = _random_inputs(segments, point, scales, true, of_inputs, refinement) if of_inputs else None
         with np.errstate(over="ignore", invalid="ignore"):
-            information = fisher_information(*cut, scales, random).with_prior(known)
+            information = fisher_information(segments, point, scales, random).with_prior(known)
         return information.precision if np.isfinite(information.fisher).all() else None
 
     if segment is None:
@@ -221,15 +222,6 @@ def limit(
         precision = bound(samples, of_inputs) or precision
     length = samples * record.step if segment is None else segment
     return Limit(true, unknown_structure.parameters, values, precision, sigma, record, length)
-
-
-def _cut(
-    pieces: list[Record], unknown: Structure, system: System, values: Floats, samples: int
-) -> tuple[Segments, Iterate]:
-    """The test in segments of so many samples of the refined `pieces`, and the states and values that are expected."""
-    names = [f"{unknown.links[index].name}.{state}" for index, state in system.states]
-    segments = cut_segments(pieces, unknown, system, samples=samples, refine=1)
-    return segments, Iterate(_nodes(pieces, samples, names), values, np.zeros(0))
 
 
 def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure, Structure]:
@@ -327,9 +319,8 @@ def _pieces(record: Record, impulses: Iterable[Impulse]) -> list[Record]:
     """The record cut after each impulse, where velocities jump."""
     times = [impulse.time for impulse in impulses]
     after = {int(np.floor(time * record.rate * (1.0 + 1e-12) + 1e-9)) + 1 for time in times}
-    edges = [0, *sorted(after), len(record)]
-    spans = [(first, last) for first, last in pairwise(edges) if last - first >= _SHORTEST]
-    return [record[first:last] for first, last in spans]
+    edges = pairwise([0, *sorted(after), len(record)])
+    return [record[first:last] for first, last in edges if last - first >= _SHORTEST]
 
 
 def _nodes(pieces: list[Record], samples: int, states: Sequence[str]) -> Floats:
@@ -424,8 +415,7 @@ def _random_inputs(
         shapes = sigma * np.sinc((places[:, None] - samples) / steps)  # (2 J + 1, d)
         forces = (pulls[:, masses, None] * shapes[:, None, :, None]).reshape(len(pulls), -1, pulls.shape[2])
         acting = np.repeat(masses, len(samples))
-        forces = forces.astype(np.float32)
-        every.append(CandidateForces(np.full(len(acting), -1), acting, forces))
+        every.append(CandidateForces(np.full(len(acting), -1), acting, forces.astype(np.float32)))
         sums.append(np.tile(np.eye(len(samples)), (len(masses), 1)))
     return RandomInputs(reduce(CandidateForces.joined, every), scipy.linalg.block_diag(*sums))
 
@@ -443,9 +433,8 @@ def _pulls(motion: FittedMotion, structure: Structure, channel: str) -> Floats:
     if kind == "signal":
         d, v, inside = motion.links
         number = len(motion.segments.system.states) + list(structure.signals).index(place)
-        by_input = np.stack(
-            [motion.mechanics.by_signal(number, *along) for along in zip(d, v, inside, strict=True)]
-        )
+        along = zip(d, v, inside, strict=True)
+        by_input = np.stack([motion.mechanics.by_signal(number, *point) for point in along])
     else:
         by_input = motion.segments.system.base[:, None] * motion.slopes[0]
     return np.asarray(-np.einsum("nl,jlk->jnk", incidence, by_input))

@@ -315,8 +315,10 @@ class Limit(JudgedView):
 
     def _estimate(self, index: int, d: Floats, v: Floats) -> LinkEstimate:
         link = self.structure.links[index]
-        members = [(p.members, column) for column, p in enumerate(self.parameters)]
-        columns = {key: column for own, column in members for member, key in own if member == index}
+        numbered = enumerate(self.parameters)
+        columns = {
+            key: n for n, parameter in numbered for member, key in parameter.members if member == index
+        }
         free = tuple(key for key in link.coefficients if key in columns)
         selected = [columns[key] for key in free]
         covariance, errors = self.covariance[np.ix_(selected, selected)], self.standard_errors[selected]

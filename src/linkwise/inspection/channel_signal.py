@@ -12,7 +12,6 @@ steps, with test functions of the higher channel that are moved by what is known
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -319,20 +318,6 @@ class KinematicFit:
     share: float
 
 
-def kinematic_fits(channels: Iterable[ChannelSignal]) -> Iterator[KinematicFit]:
-    """A fit for each place with two channels or more, of neighbours in displacement, velocity and acceleration."""
-    places: dict[tuple[str, bool], list[ChannelSignal]] = {}
-    for signal in channels:
-        if signal.channel.is_motion:
-            places.setdefault((signal.channel.place, signal.channel.relative), []).append(signal)
-    for beside in places.values():
-        ordered = sorted(beside, key=lambda signal: signal.channel.order)
-        for lower, upper in pairwise(ordered):
-            fit = _fit(lower, upper)
-            if fit is not None:
-                yield fit
-
-
 def _fit(lower: ChannelSignal, upper: ChannelSignal) -> KinematicFit | None:
     """The fit of two channels; None where the record is too short or has too few complete pieces.
 
@@ -345,8 +330,8 @@ def _fit(lower: ChannelSignal, upper: ChannelSignal) -> KinematicFit | None:
         return None
     far = abs(first.delay[0]) * upper.rate > _FAR * width
     starts = np.arange(-1.0, 1.25, 0.25) * width if far else (0.0,)
-    settled = [fit for fit in (_settled(lower, upper, float(start)) for start in starts) if fit is not None]
-    return max(settled, key=lambda fit: fit.share, default=first)
+    settled = (_settled(lower, upper, float(start)) for start in starts)
+    return max(filter(None, settled), key=lambda fit: fit.share, default=first)
 
 
 def _settled(lower: ChannelSignal, upper: ChannelSignal, late: float) -> KinematicFit | None:
@@ -431,11 +416,10 @@ def _solved(
     if not np.isfinite(whole).all() or not np.isfinite(without).all():
         return None
     spread = np.sqrt((_JACKKNIFE_BLOCKS - 1) * np.var(without, axis=0))
-    coefficients = np.array([whole[0], whole[0] * whole[1], whole[2], whole[3]])
-    left = target - columns @ coefficients
+    left = target - columns @ np.array([whole[0], whole[0] * whole[1], whole[2], whole[3]])
     share = 1.0 - float(left @ left) / float(target @ target)
-    pairs = [(float(value), float(error)) for value, error in zip(whole, spread, strict=True)]
-    return KinematicFit(lower, upper, pairs[0], pairs[1], pairs[2], pairs[3], share)
+    gain, delay, offset, trend = zip(whole.tolist(), spread.tolist(), strict=True)
+    return KinematicFit(lower, upper, gain, delay, offset, trend, share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,14 +432,17 @@ class RecordSignals:
     @classmethod
     def of(cls, record: Record) -> RecordSignals:
         """Those of a record; noise is what the record states, else estimated."""
-        estimated = noise_sigma(record.values)
-        channels = []
-        for channel, values, sigma in zip(record.channels, record.values.T, estimated, strict=True):
-            stated = record.noise.get(channel, np.nan)
-            noise = float(sigma if np.isnan(stated) else stated)
-            unit = record.unit(channel)
-            channels.append(ChannelSignal(channel, values, unit, record.rate, record.start, noise))
-        return cls(record, tuple(channels))
+        every = zip(record.channels, record.values.T, noise_sigma(record.values), strict=True)
+        noisy = (
+            (channel, values, float(record.noise.get(channel, sigma))) for channel, values, sigma in every
+        )
+        return cls(
+            record,
+            tuple(
+                ChannelSignal(channel, values, record.unit(channel), record.rate, record.start, sigma)
+                for channel, values, sigma in noisy
+            ),
+        )
 
     @property
     def moving(self) -> tuple[ChannelSignal, ...]:
@@ -477,5 +464,11 @@ class RecordSignals:
 
     @cached_property
     def kinematics(self) -> tuple[KinematicFit, ...]:
-        """How channels of one place follow from each other."""
-        return tuple(kinematic_fits(self.moving))
+        """How channels of one place follow from each other: neighbours in displacement, velocity and acceleration."""
+        places: dict[tuple[str, bool], list[ChannelSignal]] = {}
+        for signal in self.moving:
+            if signal.channel.is_motion:
+                places.setdefault((signal.channel.place, signal.channel.relative), []).append(signal)
+        ordered = (sorted(beside, key=lambda signal: signal.channel.order) for beside in places.values())
+        fits = (_fit(*pair) for beside in ordered for pair in pairwise(beside))
+        return tuple(fit for fit in fits if fit is not None)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -211,7 +212,7 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
         for name, faulty in marked.items():
             values[faulty, column] = np.nan
             notes.append(f"{signal.channel}: {int(faulty.sum())} {_MARKED} ({name}).")
-        stays = long_stays(signal, marked["clipped"]) if "clipped" in marked else []
+        stays = long_stays(signal, marked.get("clipped", np.zeros(0, dtype=bool)))
         notes += [_why_no_bounds(signal, stay) for stay in stays]
         if (beyond := _clipped(record, signal, marked, values[:, column].copy(), stays)) is not None:
             clipped[signal.channel] = beyond
@@ -252,13 +253,14 @@ def _clipped(
 
 def without_copies(record: Record) -> tuple[list[Record], dict[str, list[slice]]]:
     """The parts of a record before and behind samples that were there before, and which these are, by response."""
-    again, there = np.zeros(len(record), dtype=bool), dict[str, list[slice]]()
     repeated = any(may_be_copied(record.channel(name)) for name in record.responses)
     signals = RecordSignals.of(record).responses if repeated else ()
-    for signal in signals:
-        for _, copy in copies(signal):
-            again[copy] = True
-            there.setdefault(signal.channel, []).append(copy)
+    there: dict[str, list[slice]] = {
+        signal.channel: [copy for _, copy in found] for signal in signals if (found := copies(signal))
+    }
+    again = np.zeros(len(record), dtype=bool)
+    for copy in chain.from_iterable(there.values()):
+        again[copy] = True
     parts = [part for part in stretches(~again) if part.stop - part.start > BUFFER]
     return [record[part] for part in parts] if there else [record], there
 
@@ -308,27 +310,24 @@ def unanswered_alerts(
     """Alerts of records, as of `inspect`, that an answer does not allow for, worst first: neither those of errors that are
     `estimated` with the coefficients, nor of samples marked as missing.
     """
-    names = labels(tuple(records))
-    marked = {name: _marked_alone(record) for name, record in zip(names, records, strict=True)}
-    near = {name: _TURN / record.duration + _TOLD for name, record in zip(names, records, strict=True)}
+    of_label = dict(zip(labels(tuple(records)), records, strict=True))
     return tuple(
         alert
         for alert in inspect(records).alerts
-        if not _is_estimated(alert, estimated, near[alert.record])
-        and not (alert.is_of_gaps and alert.channel in marked[alert.record])
+        if not _is_answered(alert, of_label[alert.record], estimated)
     )
 
 
-def _marked_alone(record: Record) -> set[str]:
-    """Channels that lack no more samples than were marked as missing."""
-    marked = marked_samples(record).items()
-    return {channel for channel, count in marked if np.isnan(record.channel(channel)).sum() <= count}
-
-
-def _is_estimated(alert: Alert, estimated: Collection[EstimatedError], near: float) -> bool:
-    """Whether what an alert names is estimated, all of its lines where it is a hum, each within `near` in Hz."""
-    kind = alert.kind, alert.channel
-    stated = [error.frequency for error in estimated if (error.kind, error.channel) == kind]
+def _is_answered(alert: Alert, record: Record, estimated: Collection[EstimatedError]) -> bool:
+    """Whether what an alert of a record names is estimated, all of its lines where it is a hum, or its channel lacks no more
+    samples than were marked as missing.
+    """
+    channel, near = alert.channel, _TURN / record.duration + _TOLD
+    if alert.is_of_gaps and np.isnan(record.channel(channel)).sum() <= marked_samples(record).get(
+        channel, -1
+    ):
+        return True
+    stated = [error.frequency for error in estimated if (error.kind, error.channel) == (alert.kind, channel)]
     return bool(stated) and all(
         any(frequency is not None and abs(line - frequency) < near for frequency in stated)
         for line in alert.frequencies

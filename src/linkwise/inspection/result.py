@@ -12,7 +12,7 @@ from linkwise.records.record import Record
 from linkwise.verdict import Verdict
 
 if TYPE_CHECKING:  # what it is made of loads where levels are compared
-    from linkwise.inspection.levels.compare import LevelComparison
+    from linkwise.inspection.level_comparison import LevelComparison
 
 
 @dataclass(frozen=True)

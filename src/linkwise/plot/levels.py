@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from linkwise.arrays import Indices
-from linkwise.inspection.levels.compare import LevelComparison, ring_name
+from linkwise.inspection.level_comparison import LevelComparison, ring_name
 from linkwise.plot.style import (
     MEASURED,
     SERIES,

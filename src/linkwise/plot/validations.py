@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from linkwise.errors import RecordError, require_known
-from linkwise.identification.validation.result import Validation
+from linkwise.identification.validation_result import Validation
 from linkwise.plot.style import (
     IDENTIFIED,
     MEASURED,

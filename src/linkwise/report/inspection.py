@@ -7,14 +7,14 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
-from linkwise.inspection.levels.compare import (
+from linkwise.inspection.level_comparison import (
     LevelComparison,
     distortion_rows,
     gaps_text,
     mode_rows,
     ring_down_rows,
 )
-from linkwise.inspection.levels.compare import headline as level_headline
+from linkwise.inspection.level_comparison import headline as level_headline
 from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row, headline
 from linkwise.output import INSPECTION
 from linkwise.plot.levels import (

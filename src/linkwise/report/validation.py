@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from linkwise.files import write_record
-from linkwise.identification.validation.result import (
+from linkwise.identification.validation_result import (
     CHANNEL_HEAD,
     COEFFICIENT_HEAD,
     Validation,

@@ -10,7 +10,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-from linkwise.inspection.levels.quantities import ring_downs
+from linkwise.inspection.level_quantities import ring_downs
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.response.options import FORCE, Drive

@@ -11,7 +11,7 @@ from problems import chain_record
 from structures import HARDENING, THREE_TONES, duffing, host, link, structure
 
 import linkwise as lw
-from linkwise.identification.validation.answer import estimated_again
+from linkwise.identification.validated_answer import estimated_again
 from linkwise.progress import silent
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unrendered")]

@@ -12,7 +12,7 @@ from structures import THREE_TONES, duffing
 
 import linkwise as lw
 from linkwise.estimates.causes import Cause
-from linkwise.identification.validation.answer import without_exchanges
+from linkwise.identification.validated_answer import without_exchanges
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 RATE = 500.0

@@ -11,7 +11,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.display import JudgedView, align_columns, format_both, paragraph
 from linkwise.errors import IdentificationError, RecordError
-from linkwise.inspection.levels.quantities import (
+from linkwise.inspection.level_quantities import (
     DAMPING,
     FREQUENCY,
     AccelerationSurface,

@@ -108,14 +108,12 @@ def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChec
         )
     if all(ratio < _AT_REST for record in records for ratio in _signal_to_noise(record, measured)):
         raise IdentificationError(_NO_MOTION)
-    remarks = []
     missed = [name for name in candidates.places if name not in measured]
-    if missed:
-        remarks.append(
-            f"No channel measures the motion of {enumerated(missed)}: it follows from the modes and the other channels, and "
-            "links there are determined less well."
-        )
-    return DataChecks(tuple(remarks), (), frozenset(), frozenset())
+    remark = (
+        f"No channel measures the motion of {enumerated(missed)}: it follows from the modes and the other channels, and "
+        "links there are determined less well."
+    )
+    return DataChecks((remark,) if missed else (), (), frozenset(), frozenset())
 
 
 def _level(ratio: float) -> str:
@@ -151,7 +149,8 @@ def _signal_to_noise(record: Record, names: Sequence[str]) -> list[float]:
     noise = channel_noise(record)
 
     def ratio(channel: Channel) -> float:
-        return _power(record.channel(channel)) / noise[channel] ** 2 - 1.0 if noise[channel] > 0.0 else 0.0
+        power = float(np.nanvar(record.channel(channel)))
+        return power / noise[channel] ** 2 - 1.0 if noise[channel] > 0.0 else 0.0
 
     return [max(map(ratio, record.motions_of(name)), default=0.0) for name in names]
 
@@ -189,7 +188,3 @@ def _separations(record: Record, names: Sequence[str]) -> Floats:
                 ratios[1, row, column] = deviation / variance
     ratios[1] = np.minimum(ratios[1], ratios[1].T)
     return ratios
-
-
-def _power(values: Floats) -> float:
-    return float(np.nanmean((values - np.nanmean(values)) ** 2))

@@ -18,7 +18,14 @@ from linkwise.arrays import Floats, stretches
 from linkwise.errors import IdentificationError, RecordError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior, covariance_root
-from linkwise.identification.validation.answer import (
+from linkwise.identification.prediction import (
+    Prediction,
+    WindowPredictor,
+    one_step,
+    predict,
+    usable,
+)
+from linkwise.identification.validated_answer import (
     LEVEL,
     ValidatedAnswer,
     agreements,
@@ -28,14 +35,7 @@ from linkwise.identification.validation.answer import (
     without_exchanges,
     without_found_errors,
 )
-from linkwise.identification.validation.prediction import (
-    Prediction,
-    WindowPredictor,
-    one_step,
-    predict,
-    usable,
-)
-from linkwise.identification.validation.result import (
+from linkwise.identification.validation_result import (
     ChannelPrediction,
     CoefficientAgreement,
     ErrorProfile,

@@ -19,7 +19,7 @@ from linkwise.errors import IdentificationError, RecordError, StructureError
 from linkwise.estimates.causes import CROSSTALK, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
-from linkwise.identification.validation.result import CoefficientAgreement
+from linkwise.identification.validation_result import CoefficientAgreement
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected
 from linkwise.likelihood.estimate import MaximumLikelihood
 from linkwise.model.coefficient import MASS, Coefficient, Name
@@ -72,28 +72,29 @@ class ValidatedAnswer:
         if isinstance(answer, Posterior):
             return cls(answer.structure, answer, basis=answer.basis)
         if isinstance(answer, Estimate):
-            refused = answer.grade is Grade.REFUSED
-            error = 0.0 if refused else answer.model_error
+            error = 0.0 if answer.grade is Grade.REFUSED else answer.model_error
             exchanged = tuple(cause for cause in answer.added if cause.kind in EXCHANGES)
             graded = answer.sensor_errors, exchanged, Basis(answer.grade, answer.status)
-            if answer.intervals and not refused:
-                return cls(answer.structure, Posterior.of(answer), error, (), *graded)
-            why = answer.status if refused else f"{answer.method} gives no intervals"
-            return cls(answer.structure, None, error, (_exact(why),), *graded)
+            if why := answer.without_intervals:
+                return cls(answer.structure, None, error, (_exact(why),), *graded)
+            return cls(answer.structure, Posterior.of(answer), error, (), *graded)
         return cls(_numbers(answer))
 
 
 def _exact(why: str) -> str:
-    reason = f"the answer does not say how far they may be off ({why})"
-    return f"The coefficients are taken as exact, since {reason}."
+    return (
+        f"The coefficients are taken as exact, since the answer does not say how far they may be off ({why})."
+    )
 
 
 def _numbers(structure: Structure, file: str | Path = "") -> Structure:
     for parameter in structure.parameters:
-        message = f"{parameter.name} is unknown, and every coefficient must be a number here: identify it first, or give one"
         inside = Path(file).parent / "answer"
-        message += f"; an answer is in {inside}" if (inside / RESULT).is_file() else ""
-        raise StructureError(message, str(file))
+        raise StructureError(
+            f"{parameter.name} is unknown, and every coefficient must be a number here: identify it first, or give one"
+            f"{f'; an answer is in {inside}' if (inside / RESULT).is_file() else ''}",
+            str(file),
+        )
     return structure
 
 
@@ -103,9 +104,9 @@ def _read(path: Path) -> ValidatedAnswer:
         return ValidatedAnswer(_numbers(read_structure(path), path), basis=Basis.stated_in(path))
     structure = _numbers(read_structure(path), path / _STRUCTURE)
     status, stated = _stated(path / RESULT)
-    if (path / COVARIANCE).exists():
-        return ValidatedAnswer(structure, read_posterior(path), **stated)
-    return ValidatedAnswer(structure, remarks=(_exact(status),), **stated)
+    known = (path / COVARIANCE).exists()
+    posterior, remarks = (read_posterior(path), ()) if known else (None, (_exact(status),))
+    return ValidatedAnswer(structure, posterior, remarks=remarks, **stated)
 
 
 def _stated(path: Path) -> tuple[str, dict[str, Any]]:
@@ -129,12 +130,12 @@ def _stated(path: Path) -> tuple[str, dict[str, Any]]:
             "beside it",
             str(path),
         )
-    known = {
+    return status, {
+        "model_error": error if math.isfinite(error) and error >= 0.0 else 0.0,
         "sensor_errors": of_sensors,
         "exchanged": exchanged,
         "basis": Basis(grade, status),
     }
-    return status, {"model_error": error if math.isfinite(error) and error >= 0.0 else 0.0, **known}
 
 
 def _exchange(document: Mapping[str, Any]) -> Cause:

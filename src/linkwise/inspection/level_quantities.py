@@ -39,6 +39,7 @@ from linkwise.records.record import Record
 from linkwise.signals.gaps import SILENT
 from linkwise.signals.states import channel_motion, highpass
 
+_TINY = float(np.finfo(float).tiny)
 _BLOCKS = 8  # that fit into a record side by side
 _EXCITED = 1e-4  # of the largest power density of the force: below it there is no information
 _LEAST = 32  # samples of a block
@@ -98,9 +99,8 @@ class ResponseFunction:
         options = {"fs": record.rate, "nperseg": block, "detrend": "constant"}
         frequency, cross = scipy.signal.csd(applied, values, **options)
         of_force, of_response = (scipy.signal.welch(signal, **options)[1] for signal in (applied, values))
-        tiny = np.finfo(float).tiny
-        magnitude = np.abs(cross) / np.maximum(of_force, tiny)
-        coherence = np.abs(cross) ** 2 / np.maximum(of_force * of_response, tiny)
+        magnitude = np.abs(cross) / np.maximum(of_force, _TINY)
+        coherence = np.abs(cross) ** 2 / np.maximum(of_force * of_response, _TINY)
         unexcited = of_force < _EXCITED * of_force.max()
         magnitude[unexcited] = coherence[unexcited] = np.nan
         return cls(response, force, frequency[1:], magnitude[1:], coherence[1:])
@@ -162,18 +162,17 @@ def distortion(record: Record, response: str, force: str) -> Distortion | None:
     scatter = np.sum(np.abs(of_response - mean) ** 2, axis=0) / max(len(of_response) - 1, 1)
     power = float(np.sum(np.abs(mean[excited]) ** 2))
     only_odd = not excited[lines % 2 == 0].any()
-    decibels = {}
-    for name, parity in (("odd", 1), ("even", 0)):
+
+    def decibel(part: float) -> float:
+        return float(10.0 * np.log10(max(part, _TINY) / max(power, _TINY)))
+
+    def of_parity(parity: int) -> float | None:
         unexcited = ~excited & (lines % 2 == parity)
-        measured = only_odd and unexcited.any()
-        decibels[name] = _decibel(float(np.sum(np.abs(mean[unexcited]) ** 2)), power) if measured else None
-    noise = _decibel(float(scatter.sum()) / len(of_response), power)
-    return Distortion(channel=response, period=period * record.step, noise=noise, **decibels)
+        left_out = only_odd and unexcited.any()
+        return decibel(float(np.sum(np.abs(mean[unexcited]) ** 2))) if left_out else None
 
-
-def _decibel(part: float, whole: float) -> float:
-    tiny = np.finfo(float).tiny
-    return float(10.0 * np.log10(max(part, tiny) / max(whole, tiny)))
+    noise = decibel(float(scatter.sum()) / len(of_response))
+    return Distortion(response, period * record.step, of_parity(1), of_parity(0), noise)
 
 
 def _period(force: Floats) -> int | None:
@@ -303,8 +302,7 @@ def ring_downs(record: Record, noise: Mapping[str, float]) -> tuple[RingDown, ..
     centers = decaying_modes(decay, noise)[:, 0]
     names = motions(decay)
     decay = decay[: _decayed(decay, names, noise)] if len(centers) else decay
-    followed = (_ring_down(decay, names, centers, mode, noise) for mode in range(len(centers)))
-    rings = [ring for ring in followed if ring is not None]
+    rings = filter(None, (_ring_down(decay, names, centers, mode, noise) for mode in range(len(centers))))
     return tuple(replace(ring, mode=number) for number, ring in enumerate(rings, start=1))
 
 
@@ -345,7 +343,7 @@ def decay_of(record: Record) -> Record:
             first = max(first, int(np.flatnonzero(applied > SILENT * applied.max())[-1]) + 1)
     if not record.inputs:
         values = np.nan_to_num(record.select(record.responses).values)
-        scale = np.maximum(np.std(values, axis=0), np.finfo(float).tiny)
+        scale = np.maximum(np.std(values, axis=0), _TINY)
         first = int(np.argmax(np.sum((values / scale) ** 2, axis=1)))
     return record[min(first, len(record) - 1) :]
 
@@ -363,7 +361,7 @@ def _decayed(decay: Record, names: list[Channel], noise: Mapping[str, float]) ->
 def _separate(modes: RefinedModes) -> Floats:
     """(n, 2) frequencies in Hz and damping of the modes that ring; of two whose half-power bands overlap, that with less."""
     half = modes.damping * modes.frequencies
-    share = (modes.free / modes.free.max(axis=0, initial=np.finfo(float).tiny)).max(axis=1, initial=0.0)
+    share = (modes.free / modes.free.max(axis=0, initial=_TINY)).max(axis=1, initial=0.0)
     separate: list[int] = []
     for mode in np.argsort(modes.damping).tolist():
         distances = np.abs(modes.frequencies[mode] - modes.frequencies[separate])
@@ -414,10 +412,9 @@ def _line(
     envelope: np.ndarray, center: float, half: float, rate: float, noise: float
 ) -> tuple[float, float, float, float, float]:
     """Amplitude, frequency, damping and the errors of both, from lines through phase and logarithm of the amplitude."""
-    tiny = np.finfo(float).tiny
     time = (np.arange(len(envelope)) - 0.5 * (len(envelope) - 1)) / rate
     duration = len(envelope) / rate
-    logarithm = np.log(np.maximum(np.abs(envelope), tiny))
+    logarithm = np.log(np.maximum(np.abs(envelope), _TINY))
     phase = np.unwrap(np.angle(envelope))
     amplitude = float(np.exp(np.mean(logarithm)))
     independent = max(2.0 * half * duration, 3.0)  # complex samples of a band as wide as this
@@ -484,10 +481,9 @@ def acceleration_surfaces(
     surfaces = []
     for name in motions(record):
         motion = channel_motion(record, name, noise[name])
-        integrated = name.order
         unit = ANGLE if record.unit(name) == name.angular_unit else LENGTH
         parts = [
-            highpass(part, record.rate, _SLOW * slowest) if order < integrated else part
+            highpass(part, record.rate, _SLOW * slowest) if order < name.order else part
             for order, part in enumerate(motion)
         ]
         displacement, velocity, acceleration = (part[inner] for part in parts)
