@@ -12,7 +12,7 @@ them.
 
 Elongations from forces, where they are known up to drift: Viterbi paths through candidates.
 
-Each short window has a few candidates (`drift_windows`). From window to window the drift is a random walk driven by the noise,
+Each short window has a few candidates (`DriftWindows`). From window to window the drift is a random walk driven by the noise,
 so the Viterbi algorithm finds the most likely sequence of candidates.
 
 References

@@ -34,8 +34,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import Number, substitute, to_text
 from linkwise.likelihood.starts.drift import LinkSignals, link_signals
-from linkwise.likelihood.starts.kalman import tuned_modes, with_starts
-from linkwise.likelihood.starts.linear_part import LinearPart
+from linkwise.likelihood.starts.kalman import LinearPart, tuned_modes, with_starts
 from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
 from linkwise.likelihood.starts.states import measured_motion
 from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, host_motions, require_supported

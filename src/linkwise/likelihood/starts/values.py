@@ -18,7 +18,7 @@ Starting states and values of structures with hosts: the linear part is a known 
 
 Modes and links whose law is linear with numbers for its coefficients make a linear system. The other links exert forces that
 are random walks, once integrated; a Kalman smoother finds the motion and these forces together. Laws follow from forces and
-elongations; an elongation that no sensor determines is known up to drift, as in `inverse_dynamics`.
+elongations; an elongation that no sensor determines is known up to drift, as in `drift`.
 """
 
 from __future__ import annotations
@@ -41,12 +41,16 @@ from linkwise.likelihood.starts.drift import (
     window_half,
 )
 from linkwise.likelihood.starts.kalman import (
+    LinearPart,
+    inputs_of,
+    is_linear,
     likeliest_change,
+    samples_of,
     smooth,
+    stable_starts,
     tuned_modes,
     with_starts,
 )
-from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, is_linear, samples_of, stable_starts
 from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.model.coefficient import MASS
 from linkwise.model.host import is_between_modes
