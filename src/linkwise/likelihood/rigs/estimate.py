@@ -120,7 +120,7 @@ def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]
     }
     slow = int(bool(problem.offsets))
     step = thinned * motion.step * motion.substeps
-    return MemorySearch(problem.structure, step, d, v, (), shown, given, {}, slow, sharp=True).minima()
+    return MemorySearch(problem.structure, step, d, v, shown, given, {}, slow, sharp=True).minima()
 
 
 _SINGULAR = 1e-13  # relative eigenvalue of the scaled normal matrix below which it is singular
@@ -566,25 +566,20 @@ def _estimate(fit: RigFit, records: Sequence[Record], causes: tuple[Cause, ...])
 
 def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
     """The links along the recorded motion, at the samples of all records."""
-    problem, links = fit.problem, len(identified.links)
-    counts = [len(record) for record in records]
-    shape = (sum(counts), links)
-    d, v, force, measured = np.zeros(shape), np.zeros(shape), np.full(shape, np.nan), np.full(shape, np.nan)
-    firsts = np.cumsum([0, *counts[:-1]])
-    for number, (first, count) in enumerate(zip(firsts, counts, strict=True)):
-        motion = problem.motions[number]
-        at = slice(int(first), int(first) + count)
-        d[at] = np.outer(motion.d[:: motion.substeps], identified.base_incidence)
-        v[at] = np.outer(motion.v[:: motion.substeps], identified.base_incidence)
-    for cell, path in zip(problem.cells, fit.minimum.paths, strict=True):
-        at, link = slice(int(firsts[cell.record]), int(firsts[cell.record]) + counts[cell.record]), cell.link
-        d[at, link] = path.d[:: cell.motion.substeps]
-        force[at, link] = path.force()[:: cell.motion.substeps]
-        measured[at, link] = cell.measured - problem.offset(cell.channel, fit.minimum.unknowns)
-    time = np.concatenate([record.time for record in records])
+    problem = fit.problem
+    base = np.concatenate([np.stack([m.d, m.v])[:, :: m.substeps] for m in problem.motions], axis=1)
+    d, v = base[:, :, None] * identified.base_incidence
+    force, measured = np.full((2, *d.shape), np.nan)
+    cells = list(zip(problem.cells, fit.minimum.paths, strict=True))
+    for link in problem.links:
+        own = [(cell, path, cell.motion.substeps) for cell, path in cells if cell.link == link]
+        d[:, link] = np.concatenate([path.d[::every] for _, path, every in own])
+        force[:, link] = np.concatenate([path.force()[::every] for _, path, every in own])
+        shown = np.concatenate([cell.measured for cell, _, _ in own])
+        measured[:, link] = shown - problem.offset(own[0][0].channel, fit.minimum.unknowns)
     return LinkMotion(
         structure=identified,
-        time=time,
+        time=np.concatenate([record.time for record in records]),
         d=d,
         v=v,
         d_range=extremes(d),
