@@ -9,7 +9,7 @@ window, is a sum of known functions of the record, each multiplied by one number
     m_i int phi'' x_i  +  sum_l B_il sum_a c_a int kernel_a h_a(d_l)  -  int phi w_i  =  0
 
 The terms of the links (`LawTerms`) come first, those of inertia and applied forces follow. A term enters the equations of the
-masses at both ends of its link with opposite signs, and the bias of products of terms (`noise_bias`; Fuller,
+masses at both ends of its link with opposite signs, and the bias of products of terms (`PatchContext._bias`; Fuller,
 Measurement Error Models, 1987) does not depend on the mass, so a patch of masses needs one set of products.
 """
 
@@ -21,6 +21,7 @@ from functools import cached_property
 from itertools import repeat
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
@@ -162,15 +163,63 @@ class PatchContext:
         )
 
     def _bias(
-        self,
-        layout: PatchLayout,
-        terms: Sequence[LawTerms],
-        slopes: Floats,
-        valid: Floats,
+        self, layout: PatchLayout, evaluated: Sequence[LawTerms], slope: Floats, valid: Floats
     ) -> Floats:
-        """(q, q) bias of the products of all terms due to noise, `slopes` (q,) those that are constant, 0 for others."""
-        noise = self.motion.covariance(layout.nodes)
-        return noise_bias(layout, terms, slopes, noise, self.window, valid, self.rate_window.slope[0])
+        """(q, q) bias of the products of all terms due to noise, summed over windows of weights `valid` (R,).
+
+        `slope` (q,) are the slopes of terms by d where they are constant, 0 for others.
+
+        Two terms of one equation contain the same noise, so their product is biased even where each of them is unbiased. For
+        functions h, g of elongations d, d' whose noises have the covariance c, with unbiased h and g, that of h(d) g(d') at
+        one sample is
+
+            c h' g' - c^2/2 h'' g'' + c^3/6 h''' g''' - ...
+
+        and in a window it is the sum of that over its samples, weighted by the product of both kernels. Summed over all
+        windows it is the product of two signals, weighted by the sum of the windows at each sample (`Window.coverage`).
+
+        A smoothed rate contains the noise of its elongation under the odd filter that gives the rate. It is in common with
+        that of a linear damper in the same window and with that of functions of the same rate, and hardly with terms under
+        even test functions. To first order the bias of a product is the covariance of both noises times the slopes of both
+        functions, which are taken as constant within a window.
+        """
+        kernel, kernels, window = layout.kernel, self.window.kernels, self.window
+        noise, rate_filter = self.motion.covariance(layout.nodes), self.rate_window.slope[0]
+        covariance = layout.incidence @ noise @ layout.incidence.T
+        bias = (
+            valid.sum() * covariance * np.outer(slope, slope) * (kernels @ kernels.T)[kernel[:, None], kernel]
+        )
+        by_rate = [(terms, (terms.rate_slope,), 1) for terms in evaluated if terms.rate_slope is not None]
+        curved = [
+            (terms, terms.derivatives[1:], 0) for terms in evaluated if not isinstance(terms.slope, float)
+        ]
+        every: list[tuple[LawTerms, Sequence[Floats | float], int]] = [*by_rate, *curved]
+        filtered = [kernels]  # by how many of two terms act by a rate
+        for taps in (rate_filter, -rate_filter) if by_rate else ():
+            filtered.append(np.stack([_correlated(under, taps) for under in filtered[-1]]))
+        coverage: dict[tuple[int, int], Floats] = {}
+        for number, (first, slopes, rates) in enumerate(every):
+            rows, under, samples = first.terms, first.part.kernel, np.shape(slopes[0])[-1]
+            for several in (rates, 2 * rates):
+                if (under, several) not in coverage:
+                    coverage[under, several] = window.coverage(
+                        kernels[under] * filtered[several], valid, samples
+                    )
+            along = (first.part.sign * (slopes[0] @ coverage[under, rates].T))[:, kernel]
+            linear = covariance[rows] * along * slope
+            bias[rows] += linear
+            bias[:, rows] += linear.T
+            weighted: dict[tuple[int, int], list[Floats]] = {}
+            for other, (second, of_second, also) in enumerate(every[number:]):
+                place = rates + also, second.part.kernel
+                if place not in weighted:
+                    weighted[place] = [h * coverage[under, place[0]][place[1]] for h in slopes]
+                mixed = _product_bias(weighted[place], of_second, covariance[rows, second.terms])
+                mixed *= first.part.sign * second.part.sign
+                bias[rows, second.terms] += mixed
+                if other > 0:
+                    bias[second.terms, rows] += mixed.T
+        return np.asarray(bias)
 
     def _evaluated(self, layout: PatchLayout) -> tuple[list[LawTerms], Floats]:
         """The terms of laws at every sample, and the slopes (q,) of all terms where they are constant, 0 for others."""
@@ -255,85 +304,6 @@ def _constant_slopes(layout: PatchLayout, evaluated: Sequence[LawTerms]) -> Floa
     forces = len(slopes) - len(layout.forced)
     slopes[forces - len(layout.masses) : forces] = 1.0
     return slopes
-
-
-def noise_bias(
-    layout: PatchLayout,
-    evaluated: Sequence[LawTerms],
-    slope: Floats,
-    noise: Floats,
-    window: Window,
-    valid: Floats,
-    rate_filter: Floats,
-) -> Floats:
-    """Bias of the products of all terms of a layout, summed over windows.
-
-    Two terms of one equation contain the same noise, so their product is biased even where each of them is unbiased. For
-    functions h, g of elongations d, d' whose noises have the covariance c, with unbiased h and g, that of h(d) g(d') at one
-    sample is
-
-        c h' g' - c^2/2 h'' g'' + c^3/6 h''' g''' - ...
-
-    and in a window it is the sum of that over its samples, weighted by the product of both kernels. Summed over all windows it
-    is the product of two signals, weighted by the sum of the windows at each sample (`Window.coverage`).
-
-    A smoothed rate contains the noise of its elongation under the odd filter that gives the rate. It is in common with that of
-    a linear damper in the same window and with that of functions of the same rate, and hardly with terms under even test
-    functions. To first order the bias of a product is the covariance of both noises times the slopes of both functions, which
-    are taken as constant within a window.
-
-    Parameters
-    ----------
-    layout : PatchLayout
-        The q terms.
-    evaluated : sequence of LawTerms
-        The terms of laws.
-    slope : array of shape (q,)
-        Slopes of the terms by d where they are constant; 0 for nonlinear terms.
-    noise : array of shape (c, c)
-        Covariance in m^2 of the displacements of the nodes.
-    window : Window
-        The test functions.
-    valid : array of shape (R,)
-        Weights of the windows.
-    rate_filter : array of shape (T,)
-        The filter that gives rates.
-
-    Returns
-    -------
-    array of shape (q, q)
-        The bias.
-    """
-    kernel, kernels = layout.kernel, window.kernels
-    covariance = layout.incidence @ noise @ layout.incidence.T
-    bias = valid.sum() * covariance * np.outer(slope, slope) * (kernels @ kernels.T)[kernel[:, None], kernel]
-    by_rate = [(terms, (terms.rate_slope,), 1) for terms in evaluated if terms.rate_slope is not None]
-    curved = [(terms, terms.derivatives[1:], 0) for terms in evaluated if not isinstance(terms.slope, float)]
-    every: list[tuple[LawTerms, Sequence[Floats | float], int]] = [*by_rate, *curved]
-    filtered = [kernels]  # by how many of two terms act by a rate
-    for taps in (rate_filter, -rate_filter) if by_rate else ():
-        filtered.append(np.stack([_correlated(under, taps) for under in filtered[-1]]))
-    coverage: dict[tuple[int, int], Floats] = {}
-    for number, (first, slopes, rates) in enumerate(every):
-        rows, under, samples = first.terms, first.part.kernel, np.shape(slopes[0])[-1]
-        for several in (rates, 2 * rates):
-            if (under, several) not in coverage:
-                coverage[under, several] = window.coverage(kernels[under] * filtered[several], valid, samples)
-        along = (first.part.sign * (slopes[0] @ coverage[under, rates].T))[:, kernel]
-        linear = covariance[rows] * along * slope
-        bias[rows] += linear
-        bias[:, rows] += linear.T
-        weighted: dict[tuple[int, int], list[Floats]] = {}
-        for other, (second, of_second, also) in enumerate(every[number:]):
-            place = rates + also, second.part.kernel
-            if place not in weighted:
-                weighted[place] = [h * coverage[under, place[0]][place[1]] for h in slopes]
-            mixed = _product_bias(weighted[place], of_second, covariance[rows, second.terms])
-            mixed *= first.part.sign * second.part.sign
-            bias[rows, second.terms] += mixed
-            if other > 0:
-                bias[second.terms, rows] += mixed.T
-    return np.asarray(bias)
 
 
 def _product_bias(
@@ -600,18 +570,12 @@ def _patches(
 
 def _missing(motion: MeasuredDisplacements, masses: list[int], known: Sequence[Floats]) -> Bools:
     """(N,) True where a sample of `masses`, or of a force or signal that is `known` (N,), is missing."""
-    missing = np.zeros(motion.displacements.shape[1], dtype=bool)
-    if motion.missing is not None:
-        missing |= np.any(motion.missing[masses], axis=0)
-    return np.asarray(np.any([missing, *map(np.isnan, known)], axis=0))
+    return np.asarray(np.any([*motion.missing[masses], *map(np.isnan, known)], axis=0))
 
 
 def _missing_rate(missing: Bools, context: PatchContext) -> Bools:
     """(N,) True where v is unknown: a window around the sample lacks one or extends past the record."""
-    window_samples = np.lib.stride_tricks.sliding_window_view(
-        np.pad(missing, context.rate_window.half, constant_values=True), context.rate_window.length
-    )
-    return np.asarray(window_samples.any(axis=1))
+    return np.asarray(maximum_filter1d(missing, context.rate_window.length, mode="constant", cval=True))
 
 
 def _valid(missing: Bools, window: Window) -> Floats:

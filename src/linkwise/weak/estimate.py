@@ -194,7 +194,7 @@ def _model_error(equations: WeakEquations, fit: WeakFit) -> float:
     return float(max(shares) * np.sqrt(1.0 - 1.0 / fit.excess))
 
 
-_TERMS = ("d**2", "d**3", "v*abs(v)", "sign(v)")
+_ADDED = {"added2": "d**2", "added3": "d**3", "drag": "v*abs(v)", "friction": "sign(v)"}
 _COLLINEAR = 1e-6  # of its own moment: what is left of a term beside those of the laws
 _CANCELLED = 0.1  # of what white noise would give: a smaller variance is the difference of large ones that are not exact
 _NOISE_POWER = 0.03  # relative error of the power of noise that is found; of stated noise, what its residuals say is added
@@ -203,7 +203,7 @@ _CHANCE = 8.0  # with twice the logarithm of the number of scores: normal scores
 
 def _missing_force(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> str:
     """The most significant term that a link lacks, in words; empty where chance explains all scores."""
-    wide, added = _with_terms(structure)
+    wide = _with_terms(structure)
     known = equations.by_name(fit.values)
     uncertain = _NOISE_POWER + (abs(fit.excess - 1.0) if record.noise else 0.0)
     try:
@@ -220,7 +220,9 @@ def _missing_force(record: Record, structure: Structure, equations: WeakEquation
     if not scores[largest] ** 2 > _CHANCE + 2.0 * float(np.log(max(np.sum(tested), 1))):
         return ""
     name = wide.parameters[largest].name
-    return f"{added[name.key]} in {name.owner}, {abs(scores[largest]):.3g} standard errors in size"
+    return (
+        f"{_ADDED[name.key.rstrip('_')]} in {name.owner}, {abs(scores[largest]):.3g} standard errors in size"
+    )
 
 
 def _scores(
@@ -255,20 +257,15 @@ def _scores(
 
 
 @lru_cache(maxsize=32)
-def _with_terms(structure: Structure) -> tuple[Structure, dict[str, str]]:
-    """The structure with an unknown coefficient for each term that a law has none for, and the terms by their names."""
-    prefix = "added"
-    while any(name.startswith(prefix) for link in structure.links for name in link.coefficients):
-        prefix += "_"
-    added = {f"{prefix}{number}": term for number, term in enumerate(_TERMS)}
-    links = tuple(_with_link_terms(link, added) for link in structure.links)
-    return replace(structure, links=links), added
+def _with_terms(structure: Structure) -> Structure:
+    """The structure with an unknown coefficient for each term that a law has none for."""
+    return replace(structure, links=tuple(map(_with_link_terms, structure.links)))
 
 
-def _with_link_terms(link: Link, added: dict[str, str]) -> Link:
+def _with_link_terms(link: Link) -> Link:
     free = (name for name in link.law.linear if link.coefficients[name].value is None)
     unknown = {to_text(link.law.basis[name]).replace(" ", "") for name in free}
-    new = {name: term for name, term in added.items() if term not in unknown}
+    new = {name: term for name, term in _ADDED.items() if term not in unknown}
     form = " + ".join(f"{{{number}}}*({term})" for number, term in enumerate(new.values()))
     return with_term(link, form, dict.fromkeys(new, Coefficient.unknown())) if new else link
 
@@ -552,9 +549,8 @@ def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) 
     deviation = np.sqrt(equations.context.floored_elongation_variance)
     for link in range(len(layout.structure.links)):
         d = layout.elongations(motion.displacements, [link])
-        if motion.missing is not None:
-            nodes = [node for node, _ in layout.elements[link].reading if node < layout.equations]
-            d[:, motion.missing[nodes].any(axis=0)] = np.nan
+        nodes = [node for node, _ in layout.elements[link].reading if node < layout.equations]
+        d[:, motion.missing[nodes].any(axis=0)] = np.nan
         ranges.append(extremes(d.T, deviation[[link]]))
     return np.concatenate(ranges)
 

@@ -258,17 +258,14 @@ class RigProblem:
     def noise_of_motion(self, paths: Sequence[LinkPath], weights: Floats) -> Floats:
         """(M, q) how sums of modelled forces with weights (R, q) change with the noise of each displacement sample."""
         by_record: dict[int, Floats] = {}
-        for cell, path, own in zip(self.cells, paths, self.split(weights), strict=True):
+        of_cells = np.split(weights, np.cumsum([len(cell.measured) for cell in self.cells])[:-1])
+        for cell, path, own in zip(self.cells, paths, of_cells, strict=True):
             spread = np.zeros((len(path.d), weights.shape[1]))
             spread[:: cell.motion.substeps] = own
             by_motion = path.tangents(self.free(cell.link)).to_motion(spread)
             part = cell.sign * cell.motion.noise_of(*by_motion)
             by_record[cell.record] = by_record.get(cell.record, 0.0) + part
         return np.concatenate([by_record[record] for record in sorted(by_record)])
-
-    def split(self, rows: Floats) -> list[Floats]:
-        """Rows (R, q), one of each sample of each load cell, by paths."""
-        return np.split(rows, np.cumsum([len(cell.measured) for cell in self.cells])[:-1])
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:

@@ -150,7 +150,8 @@ class LinearPart:
         drive = np.zeros((m, len(applied)))
         drive[n : 2 * n] = np.reshape(applied, (-1, n)).T / masses
         x, v = self._sizes(record)
-        size = self._force_sizes(x, v)
+        # what gives the ends of open links the acceleration of motion of these sizes
+        size = v**2 / max(x, np.finfo(float).tiny) * self.masses
         intensity = np.zeros(m)
         intensity[2 * n + u :] = (change * size / record.step) ** 2 / record.step
         transition, process, input_effect = _discrete(rates, drive, intensity, record.step)
@@ -183,18 +184,14 @@ class LinearPart:
         moved = np.linalg.lstsq(stiffness, direction, rcond=None)[0]
         is_held = np.linalg.norm(stiffness @ moved - direction) < _HELD * np.linalg.norm(direction)
         least = -_STABLE / float(direction @ moved) if is_held else 0.0
-        fastest, mass = _FASTEST * rate, self.mass(number)
+        fastest, mass = _FASTEST * rate, float(self.masses[number])
         return (least, fastest**2 * mass), (0.0, fastest * mass)
 
-    def mass(self, number: int) -> float:
-        """Mass in kg that open link `number` moves."""
-        direction = self.incidence[:, number]
-        return 1.0 / float(direction @ (direction / self.structure.mass_values))
-
-    def _force_sizes(self, x: float, v: float) -> Floats:
-        """(U,) sizes of the forces of open links: what would give their ends the acceleration of motion of these sizes."""
-        mobility = np.einsum("il,il->l", self.incidence, self.incidence / self.structure.mass_values[:, None])
-        return np.asarray(v**2 / max(x, np.finfo(float).tiny) / mobility)
+    @cached_property
+    def masses(self) -> Floats:
+        """(U,) kg that open links move."""
+        mobilities = self.incidence / self.structure.mass_values[:, None]
+        return np.asarray(1.0 / np.einsum("il,il->l", self.incidence, mobilities))
 
     def _sizes(self, record: Record) -> tuple[float, float]:
         """Sizes of displacements and velocities: the largest of the channels, integrated above the lowest frequencies."""
@@ -343,12 +340,9 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> tuple[Floats,
         The known inputs at the samples; between them their mean acts.
     """
     forward = filtered(model, samples, inputs, _TRANSIENT)
-    count, which = len(samples), np.asarray(forward.which)
-    middle, states = count // 2, np.empty_like(forward.predicted)
+    middle, states, end = len(samples) // 2, np.empty_like(forward.predicted), len(samples)
     adjoint, information = np.zeros(states.shape[1]), np.zeros(model.first.shape)
-    firsts = np.append(0, 1 + np.flatnonzero(np.diff(which)))  # of runs of one gain
-    for first, end in zip(firsts[::-1], np.append(firsts[1:], count)[::-1], strict=True):
-        gain = forward.gains[which[first]]
+    for first, gain in reversed(forward.runs):
         observation = model.observation[gain.chosen]
         loop = model.transition @ (np.eye(len(adjoint)) - gain.gain @ observation)
         root = observation.T @ gain.whitening.T
@@ -357,19 +351,20 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> tuple[Floats,
         states[first:end] = forward.predicted[first:end] + adjoints @ gain.predicted
         adjoint = adjoints[0]
         if end > middle:
-            information = _accumulated(loop, root @ root.T, information, int(end - max(first, middle)))
-    return states, _reduced(forward.gains[which[middle]].predicted, information)
+            information = _accumulated(loop, root @ root.T, information, end - max(first, middle))
+            covariance = gain.predicted
+        end = first
+    return states, _reduced(covariance, information)
 
 
 class Filtered(NamedTuple):
     """Whitened errors (N, C) of the predictions of samples from those before, 0 where one is missing, predicted states (N, m),
-    the distinct gains, which of them each sample has, and the log likelihood, less what does not depend on the model.
+    the gains of runs of samples by the first of each, and the log likelihood, less what does not depend on the model.
     """
 
     whitened: Floats
     predicted: Floats
-    gains: list[_Gain]
-    which: list[int]
+    runs: list[tuple[int, _Gain]]
     log_likelihood: float
 
 
@@ -383,9 +378,8 @@ def filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: int
     predicted = np.empty((count, m))
     whitened = np.zeros(samples.shape)
     steady = steady_covariance(model)
-    gains: list[_Gain] = []
-    which: list[int] = []
-    constant = -1  # which of the gains is the steady one
+    runs: list[tuple[int, _Gain]] = []
+    constant = None if steady is None else _gain(model, steady, np.ones(samples.shape[1], dtype=bool))
     state, covariance, total = np.zeros(m), model.first, 0.0
     complete: Bools = np.asarray(known.all(axis=1))
     gaps = np.append(np.flatnonzero(~complete), count)
@@ -397,13 +391,10 @@ def filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: int
             since += 1
             if since > transient or _close(covariance, steady):
                 covariance, settled = steady, True
-        if not (settled and constant >= 0):
-            gains.append(_gain(model, covariance, known[k]))
-            constant = len(gains) - 1 if settled else constant
-        index = constant if settled else len(gains) - 1
+        gain = constant if settled and constant else _gain(model, covariance, known[k])
         end = int(gaps[np.searchsorted(gaps, k)]) if settled else k + 1
-        gain, rows = gains[index], slice(k, end)
-        which += [index] * (end - k)
+        runs.append((k, gain))
+        rows = slice(k, end)
         if end == k + 1:
             predicted[k] = state
         else:
@@ -420,7 +411,7 @@ def filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: int
         if not settled:
             covariance = _symmetric(model.transition @ gain.updated @ model.transition.T + model.process)
         k = end
-    return Filtered(whitened, predicted, gains, which, total)
+    return Filtered(whitened, predicted, runs, total)
 
 
 def steady_covariance(model: LinearModel) -> Floats | None:

@@ -403,8 +403,7 @@ def _motion(linear: LinearPart, states: Floats, smoothed: Floats, step: float) -
     variance = np.einsum("il,ij,jl->l", incidence, covariance, incidence)
     drifts = variance > (_DETERMINED**2) * np.mean(d**2, axis=1)
     remembers = np.array([bool(link.law.states) for link in structure.links])
-    gain = np.einsum("il,il->l", incidence, incidence / structure.mass_values[:, None])
-    walk[open_links] = deviation[2 * n :] * gain[open_links]
+    walk[open_links] = deviation[2 * n :] / linear.masses
     order = np.where(np.isin(np.arange(len(d)), open_links) & drifts & ~remembers, 2, 0)
     coupling = (covariance @ incidence) / np.where(variance > 0.0, variance, 1.0)
     signals = LinkSignals(d, rate, force, order, walk, step)
