@@ -95,8 +95,7 @@ def recursion(matrix: Floats, first: Floats, added: Floats) -> Floats:
     return np.concatenate([first[None], states.reshape(-1, m)[:count]])
 
 
-TIGHT = 0.1
-"""A bound on elongations that drift, as a part of the size of the measured motion."""
+_BOUND = 0.1  # of elongations that drift, as a part of the size of the measured motion
 _CORRELATED = 0.1  # s over which a bound is one piece of information
 _FASTEST = 10.0  # radians that the fastest start moves in a sample: what eight steps of the flow follow
 _STABLE = 0.9  # of the static stiffness of a structure at the ends of a link: the largest negative spring between them
@@ -132,7 +131,6 @@ class LinearPart:
         record: Record,
         sigma: Mapping[str, float],
         change: float,
-        reach: float = TIGHT,
         white: float = 0,
     ) -> LinearModel:
         """The system in samples of a record.
@@ -163,7 +161,7 @@ class LinearPart:
         shown = [structure.topology.row(channel.place) @ by_kind[channel.order] for channel in record.motions]
         bounded = np.pad(self.incidence.T, ((0, 0), (0, whole.shape[1] - n)))
         observation = np.concatenate([np.stack(shown), bounded])
-        bound = (reach * x) ** 2 * _CORRELATED * record.rate
+        bound = (_BOUND * x) ** 2 * _CORRELATED * record.rate
         start = np.concatenate([[x] * n, [v] * n, size, size / record.step])
         return LinearModel(
             transition=transition,

@@ -37,7 +37,7 @@ from linkwise.likelihood.starts.drift import LinkSignals, link_signals
 from linkwise.likelihood.starts.kalman import LinearPart, tuned_modes, with_starts
 from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
 from linkwise.likelihood.starts.states import measured_motion
-from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, host_motions, require_supported
+from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, require_supported, smoothed_motion
 from linkwise.model.coefficient import MASS
 from linkwise.model.law import Law, unit_dimension
 from linkwise.model.parameters import Parameter
@@ -608,13 +608,10 @@ def host_memory_starts(
     try:
         tuned = tuned_modes(record, structure, sigma)
         linear = LinearPart.of(with_starts(structure, tuned))
-        by_motion = [
-            _motion_starts(motion, record, structure, {**given, **tuned})
-            for motion in host_motions(record, linear, sigma)
-        ]
+        motion = smoothed_motion(record, linear, sigma)
+        return _motion_starts(motion, record, structure, {**given, **tuned})
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
-    return min(by_motion, key=lambda starts: starts[0].misfit)
 
 
 def _liveliest(records: Sequence[Record]) -> Record:
