@@ -21,8 +21,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty, QuadraticModel
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.starts.kalman import CHANGES, likeliest_change, tuned_modes
-from linkwise.likelihood.starts.linear_part import LinearPart, samples_of
+from linkwise.likelihood.starts.kalman import CHANGES, LinearPart, likeliest_change, samples_of, tuned_modes
 from linkwise.likelihood.starts.values import require_supported
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
@@ -31,8 +30,7 @@ from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.equations import WeakEquations, weak_equations
-from linkwise.weak.fit import dense_blocks, normal_blocks, residual_power
-from linkwise.weak.scatter import NoisyPatch, score_blocks
+from linkwise.weak.fit import NoisyPatch, dense_blocks, normal_blocks, residual_power, score_blocks
 
 #: Records with the displacements of all masses.
 Measured = Sequence[tuple[Record, MeasuredDisplacements]]

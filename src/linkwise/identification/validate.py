@@ -42,10 +42,8 @@ from linkwise.identification.validation_result import (
     ErrorSpectrum,
     Validation,
 )
-from linkwise.likelihood.rigs.estimate import motion_deviations
-from linkwise.likelihood.rigs.minimise import Minimum, minimise
-from linkwise.likelihood.rigs.motion import BASE_CHANNEL
-from linkwise.likelihood.rigs.problem import RigProblem, cell_name, cell_noise
+from linkwise.likelihood.rigs.estimate import Minimum, minimise, motion_deviations
+from linkwise.likelihood.rigs.problem import BASE_CHANNEL, RigProblem, cell_name, cell_noise
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import COMMON, SensorUncertainty

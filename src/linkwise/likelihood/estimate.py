@@ -569,6 +569,9 @@ class MaximumLikelihood(AskedFor, Estimator):
         alone = self._searched(held, bare, replace(options, errors=errors))
         followed = _along(alone, framed_records(records, structure, integrated=True), structure)
         best = memory_starts(followed, structure, dict(self.starts or {}))[0].values
+        if alone.interrupted:
+            fit = likelihood_fit(records, structure, best, options=replace(options, steps=1))
+            return replace(fit, status=alone.status)
         return likelihood_fit(records, structure, best, options=options)
 
 

@@ -48,8 +48,8 @@ class MeasuredDisplacements:
         Weights of the channels in the displacements of the nodes; None where each node has its own.
     measured : array of bool, shape (n,)
         The masses and modes whose displacement the channels tell.
-    missing : array of bool, shape (n, N), or None
-        Samples that are missing; None without any.
+    missing : array of bool, shape (n, N)
+        Samples that are missing.
     samples : int
         Number of displacement samples measured, of the base not counted.
     bandwidth : float
@@ -67,7 +67,7 @@ class MeasuredDisplacements:
     has_channel: Bools
     source_weights: Floats | None
     measured: Bools
-    missing: Bools | None
+    missing: Bools
     samples: int
     bandwidth: float
     surplus: float = 1.0
@@ -136,11 +136,9 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
     if np.isnan(highest):
         highest = _bridged_bandwidth(values[: measured.sum()], record.rate, sigma[: measured.sum()])
     missing = np.isnan(ends)
-    gaps = bool(missing.any())
-    if gaps:
-        ends[missing] = 0.0
+    ends[missing] = 0.0
     lacking = missing[:-2] | missing[-2]
-    complete = np.maximum(len(record) - missing.sum(axis=1), 1) if gaps else len(record)
+    complete = np.maximum(len(record) - missing.sum(axis=1), 1)
     variance = np.zeros(len(names))
     variance[has_channel] = sigma**2
     shown = MeasuredDisplacements(
@@ -150,7 +148,7 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
         has_channel=np.append(has_channel, False),
         source_weights=None,
         measured=measured,
-        missing=lacking if gaps else None,
+        missing=lacking,
         samples=int(np.sum(measured) * ends.shape[1] - np.sum(lacking[measured])),
         bandwidth=highest,
     )
@@ -181,15 +179,14 @@ def _bridged_bandwidth(values: Floats, rate: float, sigma: Floats) -> float:
 def _of_modes(shown: MeasuredDisplacements, structure: Structure) -> MeasuredDisplacements:
     """Displacements of masses and modes from those `shown` of masses and points."""
     weights, surplus = _measured_modes(structure, shown.has_channel, shown.floored_variance)
-    shows, missing = weights != 0.0, shown.missing
-    whole = slice(None) if missing is None else ~missing.any(axis=0)
+    shows, whole = weights != 0.0, ~shown.missing.any(axis=0)
     beside = [np.mean((rows @ shown.displacements[:, whole]) ** 2) for rows in surplus]
     return replace(
         shown,
         displacements=weights @ shown.displacements,
         source_weights=weights,
         measured=shows[:-2].any(axis=1),
-        missing=None if missing is None else np.any(shows[:-2, :-2, None] & missing, axis=1),
+        missing=shows[:-2, :-2] @ shown.missing,
         surplus=float(np.nan_to_num(max(beside, default=1.0), nan=1.0)),
     )
 

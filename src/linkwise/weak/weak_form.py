@@ -9,7 +9,7 @@ so that no signal is differentiated:
 
 White noise e of variance s^2 on d biases a curved function: E h(d + e) = exp(s^2/2 D^2) h(d). The inverse of that operator
 gives an unbiased function of the noisy d; for d^k it is the Hermite polynomial of METHODS section 4. It commutes with D: its
-derivatives are the unbiased estimates of those of h, which the bias of products of terms needs (`patch`).
+derivatives are the unbiased estimates of those of h, which the bias of products of terms needs (`equations`).
 """
 
 from __future__ import annotations

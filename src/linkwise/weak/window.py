@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 from math import ceil, pi, sqrt
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from linkwise.arrays import Floats, Indices
 from linkwise.weak.weak_form import PHI, PHI_2
@@ -22,8 +23,6 @@ _NARROWEST = 1.8  # samples of standard deviation: the aliasing of a narrower ph
 _NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
 _DISTANCE = 1.6  # standard deviations from one window to the next
-_AT_ONCE = 2**17  # samples that are processed together: they fit in the cache
-_BLOCK = 8  # outputs in one row of the blocked product
 
 
 @dataclass(frozen=True)
@@ -111,8 +110,9 @@ class Window:
         return np.asarray(first @ weighted / (self.half * self.step))[None]
 
     def filter(self, signals: Floats, kernels: Floats) -> Floats:
-        """(Q, S, R) sums of kernels (Q, length) times signals (S, N) over the samples of every window."""
-        return _strided_filter(signals, kernels, self.stride)
+        """(Q, S, R) sums of kernels (Q, T) times signals (S, N) over the samples of every window."""
+        windows = sliding_window_view(signals, kernels.shape[1], axis=1)[:, :: self.stride]
+        return np.stack([kernels @ np.ascontiguousarray(own).T for own in windows], axis=1)
 
     @cached_property
     def cross_correlations(self) -> Floats:
@@ -138,7 +138,7 @@ class Window:
         taps[:, : self.length] = kernels
         padded = np.zeros(len(valid) + 2 * (reach - 1))
         padded[reach - 1 : reach - 1 + len(valid)] = valid
-        windows = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(padded, reach))
+        windows = np.ascontiguousarray(sliding_window_view(padded, reach))
         covered = np.zeros((len(kernels), max(samples, len(windows) * self.stride)))
         inside = covered[:, : len(windows) * self.stride].reshape(len(kernels), -1, self.stride)
         np.matmul(windows, taps.reshape(len(kernels), reach, self.stride)[:, ::-1], out=inside)
@@ -193,37 +193,3 @@ def _exact(kernel: Floats, phi: Floats, powers: Sequence[int], moments: Floats) 
     functions = u ** np.array(powers)[:, None]
     added = np.linalg.solve((functions * phi) @ functions.T, moments - functions @ kernel)
     return np.asarray(kernel + phi * (added @ functions))
-
-
-def _strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
-    """(Q, S, (N - T) // stride + 1) correlations of signals (S, N) with kernels (Q, T) at every stride-th sample.
-
-    Each block of outputs is one product with a banded Toeplitz matrix.
-    """
-    (count, samples), (filters, length) = signals.shape, kernels.shape
-    rows = (samples - length) // stride + 1
-    per_block = max(1, min(rows, _BLOCK))
-    blocks, span = rows // per_block, (per_block - 1) * stride + length
-    toeplitz = np.zeros((filters, span, per_block))
-    for row in range(per_block):
-        toeplitz[:, row * stride : row * stride + length, row] = kernels
-    pieces = _windows(signals, blocks, span, per_block * stride)
-    result, last = np.empty((filters, count, rows)), blocks * per_block
-    group = max(1, _AT_ONCE // (blocks * span))
-    for first in range(0, count, group):
-        part = np.ascontiguousarray(pieces[first : first + group])
-        for kernel in range(filters):
-            target = result[kernel, first : first + group, :last]
-            np.matmul(part, toeplitz[kernel], out=target.reshape(len(target), blocks, per_block))
-    if last < rows:  # fewer than a block
-        ends = _windows(signals[:, last * stride :], rows - last, length, stride)
-        result[:, :, last:] = (ends @ kernels.T).transpose(2, 0, 1)
-    return result
-
-
-def _windows(signals: Floats, count: int, length: int, stride: int) -> Floats:
-    """(S, count, length) pieces of signals at every stride-th sample, which must all be inside; as views."""
-    # as `sliding_window_view`, whose checks cost as much as a short filter
-    by_signal, by_sample = signals.strides
-    shape, strides = (len(signals), count, length), (by_signal, stride * by_sample, by_sample)
-    return np.lib.stride_tricks.as_strided(signals, shape, strides, writeable=False)

@@ -24,8 +24,7 @@ from within import assert_within
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.starts.drift import LinkSignals
-from linkwise.likelihood.starts.kalman import likeliest_change
-from linkwise.likelihood.starts.linear_part import LinearPart, stable_starts
+from linkwise.likelihood.starts.kalman import LinearPart, likeliest_change, stable_starts
 from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.likelihood.starts.memory import held_at_zero
 from linkwise.likelihood.starts.values import link_start, starting_values

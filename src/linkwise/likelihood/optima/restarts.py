@@ -138,7 +138,8 @@ def attempts(searches: Iterable[Callable[[], LikelihoodFit]]) -> list[Likelihood
             break
     if not fits:
         raise failures[0]
-    return sorted(fits, key=_rank)
+    best, *others = sorted(fits, key=_rank)
+    return [replace(best, status=fits[-1].status) if fits[-1].interrupted else best, *others]
 
 
 def runs_away(fit: LikelihoodFit) -> bool:

@@ -1,47 +1,127 @@
-"""The covariance of what is found of links on a rig.
+"""Maximum likelihood for links alone on a rig: from records of motion and force to an estimate.
+
+The most likely unknowns are those of least squares, from starts that a regression along the motion finds.
 
 The scatter of the sums that the minimum sets to zero comes from the noise of the load cells, which is white; from that of the
 displacement, which smoothing correlates; and, where the laws are wrong, from what they leave, which follows the motion: its
 sums are compared between parts of the records, as beside masses.
 
-The most likely unknowns of links on a rig, their covariance, and how far the laws are from the forces.
-
-The verdict on a fit of links on a rig.
-
-What may be wrong on a rig beside noise, tested by its score: zero errors, a delay, and terms that a law lacks.
-
-Maximum likelihood for links alone on a rig: from records of motion and force to an estimate.
+What may be wrong beside noise is tested by its score: zero errors, a delay, and terms that a law lacks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from itertools import chain
 
 import numpy as np
 import scipy
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, bridged
 from linkwise.display import format_percent, near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause, NoiseEstimate, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.rigs.link_path import LinkPath
-from linkwise.likelihood.rigs.minimise import Minimum, minimise, starts
-from linkwise.likelihood.rigs.motion import BASE_CHANNEL
-from linkwise.likelihood.rigs.problem import RigProblem, cell_name, cell_noise
+from linkwise.likelihood.rigs.problem import BASE_CHANNEL, RigProblem, cell_name, cell_noise
 from linkwise.likelihood.search import BlockScores
 from linkwise.likelihood.shooting.segmentation import require_same_channels
-from linkwise.likelihood.starts.memory import unit_sizes
+from linkwise.likelihood.starts.memory import MemorySearch, Start, unit_sizes
 from linkwise.likelihood.tests.score_test import Hypothesis, single_tests
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport
 from linkwise.records.record import Record
 from linkwise.verdict import Grade, Verdict
+
+_SEARCHED = 4096  # samples of a record in which starts are searched for
+_OF_PERIOD = 256  # of them in a period of the motion: more make the search longer, and show no more of a law
+_LAST_STEPS = 300
+# residual, relative to the forces, of a trial whose states run away or whose laws are not finite
+_RUNAWAY = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Unknowns (u,) at a minimum, `cost` the sum of weighted squares there, the paths, and whether the search ended."""
+
+    unknowns: Floats
+    cost: float
+    paths: tuple[LinkPath, ...]
+    converged: bool
+
+
+def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int = _LAST_STEPS) -> Minimum:
+    """The minimum of the squares of weighted residuals near `start`, within bounds; priors count."""
+    low, high = problem.bounds
+    last: tuple[LinkPath, ...] | None = None
+    prior = np.array([p.start or 0.0 for p in problem.parameters])
+    certainty = problem.certainty[: len(prior)]
+
+    @lru_cache(maxsize=1)
+    def paths_at(*unknowns: float) -> tuple[LinkPath, ...]:
+        """The links along the motions, sought near those asked for before."""
+        nonlocal last
+        last = problem.paths(np.array(unknowns), last)
+        return last
+
+    def residuals(unknowns: Floats) -> Floats:
+        paths = paths_at(*unknowns)
+        left = np.where(weights > 0.0, problem.residuals(unknowns, paths), 0.0)
+        if not (all(path.converged for path in paths) and np.isfinite(left).all()):
+            return np.full(len(weights) + len(prior), _RUNAWAY)
+        rows = np.clip(weights * left, -_RUNAWAY, _RUNAWAY)
+        return np.concatenate([rows, certainty * (prior - unknowns[: len(prior)])])
+
+    def jacobian(unknowns: Floats) -> Floats:
+        own = np.zeros((len(prior), problem.size))
+        own[:, : len(prior)] = -np.diag(certainty)
+        slopes = -weights[:, None] * problem.jacobian(paths_at(*unknowns))
+        return np.concatenate([np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0), own])
+
+    inside = np.clip(start, low, high)
+    with np.errstate(all="ignore"):
+        optimum = scipy.optimize.least_squares(
+            residuals,
+            inside,
+            jacobian,
+            bounds=(low, high),
+            x_scale="jac",
+            max_nfev=steps,
+            xtol=1e-9,
+            ftol=1e-9,
+        )
+        unknowns = np.asarray(optimum.x)
+        end = paths_at(*unknowns)
+    return Minimum(
+        unknowns, 2.0 * float(optimum.cost), end, bool(optimum.status > 0) and all(p.converged for p in end)
+    )
+
+
+def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]:
+    """Values of the parameters from which little of the forces is left, the best first; `given` starts by name are kept near.
+
+    They are searched for in the liveliest part of the first record, without the means of the forces where a zero is unknown.
+    """
+    motion, forces = problem.motions[0], problem.forces[0]
+    thinned = max(motion.period // _OF_PERIOD, 1)
+    count = min(_SEARCHED * thinned, len(next(iter(forces.values()))))
+    first = motion.liveliest(count)
+    searched = slice(first, first + count, thinned)
+    d, v = (
+        np.outer(along[:: motion.substeps][searched], problem.structure.base_incidence)
+        for along in (motion.d, motion.v)
+    )
+    shown: dict[str, Floats] = {
+        cell_name(problem.structure, link): bridged(force)[searched] for link, force in forces.items()
+    }
+    slow = int(bool(problem.offsets))
+    step = thinned * motion.step * motion.substeps
+    return MemorySearch(problem.structure, step, d, v, shown, given, {}, slow, sharp=True).minima()
+
 
 _SINGULAR = 1e-13  # relative eigenvalue of the scaled normal matrix below which it is singular
 _BLOCKS = (20, 10, 5)  # of records: the fewer, the longer the motion that they may be alike in
@@ -485,25 +565,20 @@ def _estimate(fit: RigFit, records: Sequence[Record], causes: tuple[Cause, ...])
 
 def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
     """The links along the recorded motion, at the samples of all records."""
-    problem, links = fit.problem, len(identified.links)
-    counts = [len(record) for record in records]
-    shape = (sum(counts), links)
-    d, v, force, measured = np.zeros(shape), np.zeros(shape), np.full(shape, np.nan), np.full(shape, np.nan)
-    firsts = np.cumsum([0, *counts[:-1]])
-    for number, (first, count) in enumerate(zip(firsts, counts, strict=True)):
-        motion = problem.motions[number]
-        at = slice(int(first), int(first) + count)
-        d[at] = np.outer(motion.d[:: motion.substeps], identified.base_incidence)
-        v[at] = np.outer(motion.v[:: motion.substeps], identified.base_incidence)
-    for cell, path in zip(problem.cells, fit.minimum.paths, strict=True):
-        at, link = slice(int(firsts[cell.record]), int(firsts[cell.record]) + counts[cell.record]), cell.link
-        d[at, link] = path.d[:: cell.motion.substeps]
-        force[at, link] = path.force()[:: cell.motion.substeps]
-        measured[at, link] = cell.measured - problem.offset(cell.channel, fit.minimum.unknowns)
-    time = np.concatenate([record.time for record in records])
+    problem = fit.problem
+    base = np.concatenate([np.stack([m.d, m.v])[:, :: m.substeps] for m in problem.motions], axis=1)
+    d, v = base[:, :, None] * identified.base_incidence
+    force, measured = np.full((2, *d.shape), np.nan)
+    cells = list(zip(problem.cells, fit.minimum.paths, strict=True))
+    for link in problem.links:
+        own = [(cell, path, cell.motion.substeps) for cell, path in cells if cell.link == link]
+        d[:, link] = np.concatenate([path.d[::every] for _, path, every in own])
+        force[:, link] = np.concatenate([path.force()[::every] for _, path, every in own])
+        shown = np.concatenate([cell.measured for cell, _, _ in own])
+        measured[:, link] = shown - problem.offset(own[0][0].channel, fit.minimum.unknowns)
     return LinkMotion(
         structure=identified,
-        time=time,
+        time=np.concatenate([record.time for record in records]),
         d=d,
         v=v,
         d_range=extremes(d),

@@ -17,7 +17,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.expression import Operation, Program, differentiate
-from linkwise.likelihood.starts.linear_part import is_linear
+from linkwise.likelihood.starts.kalman import is_linear
 from linkwise.model.coefficient import MASS, SHAPE, Name
 from linkwise.model.host import Host
 from linkwise.model.law import VARIABLES, Law

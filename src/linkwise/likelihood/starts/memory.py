@@ -24,7 +24,7 @@ joint hardly slips.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TypeAlias
 
@@ -34,11 +34,11 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import Number, substitute, to_text
 from linkwise.likelihood.starts.drift import LinkSignals, link_signals
-from linkwise.likelihood.starts.kalman import tuned_modes, with_starts
-from linkwise.likelihood.starts.linear_part import LinearPart
+from linkwise.likelihood.starts.kalman import LinearPart, tuned_modes, with_starts
 from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
 from linkwise.likelihood.starts.states import measured_motion
-from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, host_motions, require_supported
+from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, require_supported, smoothed_motion
+from linkwise.model.coefficient import MASS
 from linkwise.model.law import Law, unit_dimension
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
@@ -148,38 +148,25 @@ def rough_memory_start(records: Sequence[Record], structure: Structure) -> Start
 
 
 @dataclass(frozen=True, eq=False)
-class Balance:
-    """The equation of motion of a mass: its displacement and the applied force (N,), and its links' ends on it (L,).
-
-    The mass is in kg, 0 where it is unknown.
-    """
-
-    x: Floats
-    applied: Floats
-    incidence: Floats
-    mass: float
-    place: int
-
-
-@dataclass(frozen=True, eq=False)
 class MemorySearch:
     """The regression along a motion: elongations and rates (N, L), projected equations, and what is unknown.
 
-    The equations are those of the `balances` of masses, and of the forces and states (N,) of links that are `shown`, by
-    channel; `signals` (N,) are those that laws name. What forces have of the first `slow` cosines over the record is left
-    out, where elongations are known up to drift. Laws that are `sharp` change within a small part of the motion.
+    The equations are those of the masses that are `balanced` (2, n, N), by displacements and applied forces, and of the forces
+    and states (N,) of links that are `shown`, by channel; `signals` (N,) are those that laws name. What forces have of the
+    first `slow` cosines over the record is left out, where elongations are known up to drift. Laws that are `sharp` change
+    within a small part of the motion.
     """
 
     structure: Structure
     step: float
     d: Floats
     v: Floats
-    balances: tuple[Balance, ...]
     shown: Mapping[str, Floats]
     given: Mapping[str, float]
     signals: Mapping[str, Floats]
     slow: int = 0
     sharp: bool = False
+    balanced: Floats = field(default_factory=partial(np.zeros, (2, 0, 0)))
 
     @classmethod
     def of(cls, record: Record, structure: Structure, given: Mapping[str, float]) -> MemorySearch:
@@ -195,8 +182,8 @@ class MemorySearch:
             )
         d, rate = link_motion(record, structure, x, v)
         signals = {name: record.channel(f"signal:{name}") for name in structure.signals}
-        balances, shown = _balances(record, structure, x), _shown(record, {})
-        return cls(structure, record.step, d, rate, balances, shown, given, signals)
+        balanced, shown = _balanced(record, structure, x), _shown(record, {})
+        return cls(structure, record.step, d, rate, shown, given, signals, balanced=balanced)
 
     def minima(self) -> tuple[Start, ...]:
         """The minima that are found, the lowest first."""
@@ -271,8 +258,9 @@ class MemorySearch:
         cells = [values for name, values in self.shown.items() if name.startswith("f:")]
         if cells:
             return float(np.std(cells[0])) or 1.0
-        inertia = [np.gradient(np.gradient(b.x)) / self.step**2 * b.mass for b in self.balances]
-        applied = np.stack([balance.applied for balance in self.balances])
+        x, applied = self.balanced
+        masses = np.array([mass.mass.value or 0.0 for mass in self.structure.masses])
+        inertia = masses[:, None] * np.gradient(np.gradient(x, axis=1), axis=1) / self.step**2
         return float(max(np.std(applied), np.median(np.abs(inertia)))) or 1.0
 
     @property
@@ -393,10 +381,10 @@ class MemorySearch:
         """Of each mass the acceleration, projected, the mass in kg as far as it is known, and the size of its equations."""
         unknown = {member for p in (*self.curved, *self.straight) for member in p.members}
         out = []
-        for balance in self.balances:
-            inertia = self.project(balance.x, 2)
-            value = 0.0 if (-1 - balance.place, "mass") in unknown else balance.mass
-            pushed = np.std(self.project(balance.applied, 0))
+        for number, (x, applied) in enumerate(self.balanced.swapaxes(0, 1)):
+            inertia, mass = self.project(x, 2), self.structure.masses[number].mass.value or 0.0
+            value = 0.0 if (-1 - number, MASS) in unknown else mass
+            pushed = np.std(self.project(applied, 0))
             out.append((inertia, value, max(float(pushed), value * float(np.std(inertia))) or 1.0))
         return out
 
@@ -404,13 +392,13 @@ class MemorySearch:
         self, numbers: Sequence[Mapping[str, float]], states: Sequence[Floats]
     ) -> tuple[Floats, Floats]:
         """Rows (R,) with the linear parameters at 0, and their columns (R, q)."""
-        structure = self.structure
+        structure, incidence = self.structure, self.structure.incidence.toarray()
         place = {member: number for number, p in enumerate(self.straight) for member in p.members}
         count, links = self.d.shape
         force, slopes = np.zeros((count, links)), np.zeros((count, len(self.straight), links))
         blocks, sides = [], []
         for number, link in enumerate(structure.links):
-            if not self.balances and f"f:{link.name}" not in self.shown:
+            if not self.balanced.shape[1] and f"f:{link.name}" not in self.shown:
                 continue
             d, v = self.d[:, number], self.v[:, number]
             inside = dict(zip(link.law.states, states[number], strict=True))
@@ -432,28 +420,27 @@ class MemorySearch:
                 shown, scale = self.shown[channel], self._sizes_of_shown[channel]
                 blocks.append(self._projected_force(force[:, number] - shown) / scale)
                 sides.append(self._projected_force(slopes[:, :, number].copy()) / scale)
-        for balance, (inertia, value, scale) in zip(self.balances, self._inertia, strict=True):
-            block = self.project(force @ balance.incidence - balance.applied, 0) + value * inertia
-            side = self.project(np.tensordot(slopes, balance.incidence, 1), 0)
-            if (-1 - balance.place, "mass") in place:
-                side[:, place[-1 - balance.place, "mass"]] += inertia
+        for number, (inertia, value, scale) in enumerate(self._inertia):
+            ends, applied = incidence[number], self.balanced[1, number]
+            block = self.project(force @ ends - applied, 0) + value * inertia
+            side = self.project(np.tensordot(slopes, ends, 1), 0)
+            if (-1 - number, MASS) in place:
+                side[:, place[-1 - number, MASS]] += inertia
             blocks.append(block / scale)
             sides.append(side / scale)
         return np.concatenate(blocks), np.concatenate(sides)
 
 
-def _balances(record: Record, structure: Structure, x: Floats) -> tuple[Balance, ...]:
-    """The equations of motion of the masses, whose smoothed displacements (n, N) are replaced by measured ones."""
-    incidence, balances = structure.incidence.toarray(), []
-    for number, mass in enumerate(structure.masses):
-        measured = x[number]
-        if f"x:{mass.name}" in record.channels:
-            raw = record.channel(f"x:{mass.name}")
-            measured = np.where(np.isfinite(raw), raw, measured)
-        pushed = f"force:{mass.name}"
-        applied = record.channel(pushed) if pushed in record.channels else np.zeros(len(record))
-        balances.append(Balance(measured, applied, incidence[number], mass.mass.value or 0.0, number))
-    return tuple(balances)
+def _balanced(record: Record, structure: Structure, x: Floats) -> Floats:
+    """(2, n, N) displacements of the masses, measured ones in place of those smoothed (n, N), and applied forces."""
+    balanced = np.stack([x, np.zeros_like(x)])
+    for number, name in enumerate(structure.mass_names):
+        if f"x:{name}" in record.channels:
+            raw = record.channel(f"x:{name}")
+            balanced[0, number] = np.where(np.isfinite(raw), raw, x[number])
+        if f"force:{name}" in record.channels:
+            balanced[1, number] = record.channel(f"force:{name}")
+    return balanced
 
 
 def _shown(record: Record, inferred: Mapping[str, Floats]) -> dict[str, Floats]:
@@ -556,7 +543,7 @@ def _group_starts(
         d, v = signals.d[chosen], signals.v[chosen]
         d, v = _without_drift(d, v, signals.step, cutoff) if cutoff else (d, v)
         cosines = int(2.0 * cutoff * signals.step * len(d.T)) + bool(cutoff)
-        return MemorySearch(alone, signals.step, d.T, v.T, (), own, given, named, slow=cosines)
+        return MemorySearch(alone, signals.step, d.T, v.T, own, given, named, slow=cosines)
 
     if not signals.integration_order[chosen].any():
         return search(0.0).minima()[:_MOST]
@@ -621,13 +608,10 @@ def host_memory_starts(
     try:
         tuned = tuned_modes(record, structure, sigma)
         linear = LinearPart.of(with_starts(structure, tuned))
-        by_motion = [
-            _motion_starts(motion, record, structure, {**given, **tuned})
-            for motion in host_motions(record, linear, sigma)
-        ]
+        motion = smoothed_motion(record, linear, sigma)
+        return _motion_starts(motion, record, structure, {**given, **tuned})
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
-    return min(by_motion, key=lambda starts: starts[0].misfit)
 
 
 def _liveliest(records: Sequence[Record]) -> Record:
@@ -654,7 +638,7 @@ def _motion_starts(
     inferred = {f"f:{structure.links[k].name}": motion.signals.force[k] for k in motion.open}
     valued = structure.with_values(fixed) if fixed else structure
     d, v = motion.signals.d.T, motion.signals.v.T
-    search = MemorySearch(valued, record.step, d, v, (), _shown(record, inferred), given, {})
+    search = MemorySearch(valued, record.step, d, v, _shown(record, inferred), given, {})
     starts = []
     for found in search.minima():
         values = fixed | dict(zip((p.name for p in search.structure.parameters), found.values, strict=True))

@@ -106,8 +106,8 @@ class StartStates:
 def start_states(record: Record, structure: Structure, sigma: dict[str, float], samples: int) -> StartStates:
     """Starting states from the sensors of a record.
 
-    Elongations follow from forces (`drift_tracking`) where displacements were not measured, every mass has a sensor and all
-    coefficients are numbers.
+    Elongations follow from forces (`elongations_from_forces`) where displacements were not measured, every mass has a sensor
+    and all coefficients are numbers.
 
     Parameters
     ----------

@@ -18,12 +18,12 @@ Starting states and values of structures with hosts: the linear part is a known 
 
 Modes and links whose law is linear with numbers for its coefficients make a linear system. The other links exert forces that
 are random walks, once integrated; a Kalman smoother finds the motion and these forces together. Laws follow from forces and
-elongations; an elongation that no sensor determines is known up to drift, as in `inverse_dynamics`.
+elongations; an elongation that no sensor determines is known up to drift, as in `drift`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,13 +41,16 @@ from linkwise.likelihood.starts.drift import (
     window_half,
 )
 from linkwise.likelihood.starts.kalman import (
+    LinearPart,
+    inputs_of,
+    is_linear,
     likeliest_change,
+    samples_of,
     smooth,
+    stable_starts,
     tuned_modes,
     with_starts,
 )
-from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, is_linear, samples_of, stable_starts
-from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.model.coefficient import MASS
 from linkwise.model.host import is_between_modes
 from linkwise.model.link import GROUND, Link
@@ -292,7 +295,6 @@ def _acts_by_place(link: Link) -> bool:
 
 
 _FEWEST = 50  # samples that a smoother needs to forget its start
-_ELONGATIONS = (0.1, 0.03, 0.3)  # of the size of the motion: bounds on what drifts, of which the best is kept
 _DETERMINED = 0.1  # deviation of an elongation relative to its size, up to which it counts as measured
 
 
@@ -333,17 +335,6 @@ class HostMotion:
             signals=replace(self.signals, d=d, v=v),
         )
 
-    def misfit(self, structure: Structure) -> float:
-        """What the laws of a structure leave of the forces of open links, relative, by mean squares."""
-        left = []
-        for number in self.open:
-            force = self.signals.force[number]
-            link, d, v = structure.links[number], self.signals.d[number], self.signals.v[number]
-            inside = follow_states(link.law, link.values, np.stack([d, v]), self.signals.step)[:, 0]
-            error = force - link.force(d, v, dict(zip(link.law.states, inside, strict=True)))
-            left.append(np.mean(error**2) / max(float(np.mean(force**2)), np.finfo(float).tiny))
-        return float(np.sum(left))
-
 
 def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]) -> HostMotion:
     """The motion of a structure with hosts and known laws, estimated from a record.
@@ -360,30 +351,21 @@ def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]
     Returns
     -------
     HostMotion
-        The motion; where elongations drift, that which fits the forces best.
+        The motion, with elongations that drift taken from the forces.
     """
     require_supported(record, structure)
-    motions = host_motions(record, LinearPart.of(structure), sigma)
-    tracked = [motion.with_drift_tracked(structure) for motion in motions]
-    return min(tracked, key=lambda motion: motion.misfit(structure))
+    return smoothed_motion(record, LinearPart.of(structure), sigma).with_drift_tracked(structure)
 
 
-def host_motions(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> Iterator[HostMotion]:
-    """The motion for several bounds on elongations; for one alone where none drifts.
-
-    Raises IdentificationError where the record does not determine it.
-    """
-    samples, inputs = samples_of(record, linear), inputs_of(record)
+def smoothed_motion(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> HostMotion:
+    """The motion by a smoother. Raises IdentificationError where the record does not determine it."""
     try:
         _, change = likeliest_change(record, linear, sigma)
-        for reach in _ELONGATIONS:
-            smoothed = smooth(linear.model(record, sigma, change, reach), samples, inputs)
-            motion = _motion(linear, *smoothed, record.step)
-            yield motion
-            if not motion.signals.integration_order.any():
-                return
+        model = linear.model(record, sigma, change)
+        smoothed = smooth(model, samples_of(record, linear), inputs_of(record))
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
+    return _motion(linear, *smoothed, record.step)
 
 
 def _motion(linear: LinearPart, states: Floats, smoothed: Floats, step: float) -> HostMotion:
@@ -399,8 +381,7 @@ def _motion(linear: LinearPart, states: Floats, smoothed: Floats, step: float) -
     variance = np.einsum("il,ij,jl->l", incidence, covariance, incidence)
     drifts = variance > (_DETERMINED**2) * np.mean(d**2, axis=1)
     remembers = np.array([bool(link.law.states) for link in structure.links])
-    gain = np.einsum("il,il->l", incidence, incidence / structure.mass_values[:, None])
-    walk[open_links] = deviation[2 * n :] * gain[open_links]
+    walk[open_links] = deviation[2 * n :] / linear.masses
     order = np.where(np.isin(np.arange(len(d)), open_links) & drifts & ~remembers, 2, 0)
     coupling = (covariance @ incidence) / np.where(variance > 0.0, variance, 1.0)
     signals = LinkSignals(d, rate, force, order, walk, step)
@@ -483,14 +464,8 @@ def _start_by_forces(record: Record, structure: Structure, given: Mapping[str, f
     linear = LinearPart.of(with_starts(structure, tuned))
     shapes = [p for p in structure.parameters if p.name.is_shape or is_between_modes(p.name)]
     known = {p.name: p.start for p in shapes if p.start is not None} | dict(given) | tuned
-    trials: list[tuple[float, int, dict[str, float]]] = []
-    for motion in host_motions(record, linear, sigma):
-        start = start_of_links(motion.signals, structure, given, motion.open) | known
-        valued = structure.with_values(
-            {p.name: start[p.name] for p in structure.parameters if p.name in start}
-        )
-        trials.append((motion.with_drift_tracked(valued).misfit(valued), len(trials), start))
-    return min(trials)[-1]
+    motion = smoothed_motion(record, linear, sigma)
+    return start_of_links(motion.signals, structure, given, motion.open) | known
 
 
 _NAMED = 6  # parameters that a message names
