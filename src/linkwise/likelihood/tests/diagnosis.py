@@ -481,7 +481,7 @@ def tested_causes(
     whole = columns.quadratic(optimum, blocks_in(optimum.segments, fit.segments))
     unknowns, h = np.arange(len(whole.slope)), len(columns.hypotheses) - len(others)
     p = len(unknowns) - len(columns.hypotheses)
-    quadratic = replace(whole.within(unknowns[: p + h]), model=whole.model) if others else whole
+    quadratic = whole.within(unknowns[: p + h]) if others else whole
     if fit.random_forces:
         quadratic = _with_determinants(quadratic, fit, identified, lacking, columns, channels)
     own = columns.hypotheses[:h], columns.units[:h]
