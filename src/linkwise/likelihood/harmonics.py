@@ -144,7 +144,7 @@ def not_shown_to_go_on(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[f
     forces, segments = fit.options.harmonics, fit.segments
     hums = [(one.term, one) for one in fit.found if isinstance(one.term, Hum)]
     lines = np.array([force.frequency for force in forces] + [hum.frequency for hum, _ in hums])
-    if not len(lines) or not fit.has_errors or not _tells_time(segments, records):
+    if not len(lines) or not fit.has_errors or not tells_time(segments, records):
         return ()
     time, owner = _times(segments, records)
     fading = []
@@ -202,7 +202,7 @@ class Lines:
         """A cosine and a sine in each record of each force and each hum, of size one; none where the segments of an optimum do
         not tell their time.
         """
-        if not _tells_time(optimum.segments, self.records):
+        if not tells_time(optimum.segments, self.records):
             return
         forces, units = _columns(optimum, self.records, self.forces)
         for k, mass in enumerate(forces.second.tolist()):
@@ -356,10 +356,10 @@ def _above_level(power: Floats) -> tuple[Indices, Indices, Floats]:
 def _in_longer_segments(fit: LikelihoodFit, records: Sequence[Record]) -> Optimum:
     """The optimum of a fit, in longer segments where those of each record follow each other without a break."""
     longer = in_longer_segments(fit)
-    return longer if _tells_time(longer.segments, records) else fit.optimum
+    return longer if tells_time(longer.segments, records) else fit.optimum
 
 
-def _tells_time(segments: Segments, records: Sequence[Record]) -> bool:
+def tells_time(segments: Segments, records: Sequence[Record]) -> bool:
     """Whether the segments of each record follow each other without a break."""
     return segments.count == sum(-(-len(record) // len(segments.samples)) for record in records)
 
