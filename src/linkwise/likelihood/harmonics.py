@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Floats, Indices
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import HARMONIC, HUM, Cause, SensorErrorEstimate
@@ -42,11 +42,8 @@ _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
 # times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
 _ABOVE = 30.0
-_STEADY = 0.85  # of the amplitude in the first half of a record: less in the second is no force that goes on
-FADING = "or, as it fades, a mode that the laws lack"
-"""The remark on a line that does not go on through a record, which no harmonic force or hum explains."""
 MAY_FADE = "or a mode that the laws lack: the record does not show that it goes on; state it if it is known, or add a mass"
-"""The remark on one that may fade as slowly as the lightest damped mode of a structure does."""
+"""The remark on a line that may fade as fast as the lightest damped mode of a structure does."""
 # damping ratio: welded and cast structures have 0.0005 and more, and what is held in a joint 0.002
 _LIGHTEST = 3e-4
 _SCREENED = 3.0  # times the mean there, below which no median is asked for: one in twenty of noise
@@ -233,18 +230,15 @@ class Lines:
             if gains[best] <= limit:
                 continue
             gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
-            fading = FADING if line.fades else ""
             if best < len(self.forces):
                 force = self.forces[best]
                 source = f"{sizes[best]:.3g} {force.unit}"
-                yield Cause(
-                    HARMONIC, force.mass, line.frequency, "Hz", gain, error, source=source, remark=fading
-                )
+                yield Cause(HARMONIC, force.mass, line.frequency, "Hz", gain, error, source=source)
                 continue
             channel = self.hums[best - len(self.forces)][1]
             frequency, alone = _refined_hum(fit, records, line.frequency, channel)
             if alone:
-                yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error, remark=fading)
+                yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error)
 
 
 def _is_exact(fit: LikelihoodFit) -> bool:
@@ -271,15 +265,11 @@ def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Rec
 
 @dataclass(frozen=True)
 class _Line:
-    """A line at a `frequency` in Hz, the numbers of the `masses` and the `channels` that show it, the clearest first.
-
-    It `fades` where it does not go on through the record.
-    """
+    """A line at a `frequency` in Hz, the numbers of the `masses` and the `channels` that show it, the clearest first."""
 
     frequency: float
     masses: Sequence[int]
     channels: Sequence[int]
-    fades: bool
 
 
 def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], int]:
@@ -308,27 +298,14 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
             slow = np.abs(frequency - nodes * np.rint(frequency / nodes)) < _PERIODS / record.duration
             high = (ratio >= _ABOVE) & ~slow & (frequency <= _HIGHEST * min(rate, record.rate))
             row, frequency, ratio = row[high], frequency[high], ratio[high]
-            fades = _fade(own[row], frequency / rate, ratio)
-            found.append(np.stack([ratio, frequency, np.full(len(row), kind), row, fades]))
+            found.append(np.stack([ratio, frequency, np.full(len(row), kind), row]))
     return list(_highest(np.concatenate(found, axis=1), records[0].duration)), count
 
 
-def _fade(series: Floats, frequency: Floats, ratio: Floats) -> Bools:
-    """(N,) whether waves of frequencies in cycles a sample fade in series (N, T), as a mode that laws lack does in a decay.
-
-    By more than chance, with power at a `ratio` to that of the noise.
-    """
-    half = series.shape[1] // 2
-    waves = np.hanning(half) * np.exp(-2j * np.pi * frequency[:, None] * np.arange(half))
-    parts = np.nan_to_num(series[:, :half]), np.nan_to_num(series[:, -half:])
-    first, second = (np.abs(np.sum(part * waves, axis=1)) for part in parts)
-    return np.asarray(second < np.minimum(_STEADY, 1.0 - 3.0 * np.sqrt(2.0 / np.maximum(ratio, 1.0))) * first)
-
-
 def _highest(found: Floats, duration: float) -> Iterator[_Line]:
-    """The highest of lines (5, N): ratio, frequency, kind and number of the series that shows each, and whether it fades."""
+    """The highest of lines (4, N): ratio, frequency, kind and number of the series that shows each."""
     order = np.argsort(-found[0], kind="stable")
-    ratio, frequency, kind, number, fades = found[:, order]
+    ratio, frequency, kind, number = found[:, order]
     for _ in range(_LINES):
         if not ratio.any():
             return
@@ -339,7 +316,7 @@ def _highest(found: Floats, duration: float) -> Iterator[_Line]:
         channels, masses = (
             list(dict.fromkeys(number[near & (kind == own)].astype(int).tolist())) for own in (0, 1)
         )
-        yield _Line(line, masses, channels, bool(fades[highest]))
+        yield _Line(line, masses, channels)
         ratio[away < 4.0] = 0.0
 
 

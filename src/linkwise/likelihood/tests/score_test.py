@@ -240,8 +240,8 @@ class Quadratic:
     def tests(self, parameters: int) -> SingleTests:
         """The tests of the columns that follow so many parameters.
 
-        A column of which the coefficients, or unknowns that were eliminated, leave nothing but rounding gains nothing, nor does
-        one that is not finite. Raises numpy.linalg.LinAlgError where the equations of the parameters are not finite.
+        A column of which the coefficients, or unknowns that were eliminated, leave nothing but rounding gains nothing, nor
+        does one that is not finite. Raises numpy.linalg.LinAlgError where the equations of the parameters are not finite.
         """
         curvature, slope, scatter = self.curvature, self.slope, self.scatter
         own, added = slice(0, parameters), slice(parameters, None)
