@@ -201,9 +201,9 @@ class Lines:
         """
         if not tells_time(optimum.segments, self.records):
             return
-        forces, units = _columns(optimum, self.records, self.forces)
+        forces = _columns(optimum, self.records, self.forces)
         for k, mass in enumerate(forces.second.tolist()):
-            yield Added(Hypothesis(HARMONIC, ""), [(-1, mass, forces.along[:, k] / units[k])], unit=1.0)
+            yield Added(Hypothesis(HARMONIC, ""), [(-1, mass, forces.along[:, k])], unit=1.0)
         time, owner = _times(optimum.segments, self.records)
         for frequency, channel in self.hums:
             for wave in _waves(frequency, time, owner, len(self.records)):
@@ -427,13 +427,10 @@ class _Unknowns:
     ) -> _Unknowns:
         """Those at the optimum of a fit, in segments of any length; with the rates of forces that are `fading`."""
         with one_blas_thread():
-            columns, units = _columns(optimum, records, forces, fading=fading)
-            augmented = augmented_quadratic(optimum, columns, hums)
+            columns = _columns(optimum, records, forces, fading=fading)
+            eliminated = _eliminated(fit, augmented_quadratic(optimum, columns, hums))
         found = bool(forces and forces[0].amplitudes)
-        each = 2 * len(records) + found * (1 + fading)
-        units = np.append(units, np.ones(0 if hums is None else len(hums.channel)))
-        information, score, follow = _eliminated(fit, augmented)
-        return cls(forces, each, information / np.outer(units, units), score / units, follow / units)
+        return cls(forces, 2 * len(records) + found * (1 + fading), *eliminated)
 
     @property
     def places(self) -> Indices:
@@ -478,8 +475,8 @@ class _Unknowns:
 
 def _columns(
     optimum: Optimum, records: Sequence[Record], forces: Sequence[HarmonicForce], *, fading: bool = False
-) -> tuple[CandidateForces, Floats]:
-    """The forces of unit size of all unknowns along the segments, and the units of these (h,).
+) -> CandidateForces:
+    """The forces of unit size of all unknowns along the segments.
 
     Behind the frequency of each comes the rate at which it is `fading`.
     """
@@ -501,7 +498,5 @@ def _columns(
             if fading:
                 columns.append(-time * sum(a * cosine + b * sine for (a, b), cosine, sine in pairs))
     along = np.stack(columns, axis=1) if columns else np.empty((len(time), 0, time.shape[1]))
-    power = np.sqrt(np.mean(along[::2] ** 2, axis=(0, 2)))
-    scale = np.where(power > 0.0, power, 1.0)[:, None]
-    ends = np.repeat([force.number for force in forces], len(scale) // max(len(forces), 1)).astype(int)
-    return CandidateForces(np.full(len(ends), -1), ends, along / scale), 1.0 / scale[:, 0]
+    ends = np.repeat([force.number for force in forces], len(columns) // max(len(forces), 1)).astype(int)
+    return CandidateForces(np.full(len(ends), -1), ends, along)
