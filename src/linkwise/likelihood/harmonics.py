@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Floats, Indices
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import HARMONIC, HUM, Cause, SensorErrorEstimate
@@ -26,9 +26,9 @@ from linkwise.likelihood.shooting.residuals import SensorErrors
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.terms import Hum, of_kind
-from linkwise.likelihood.tests.columns import Added
+from linkwise.likelihood.tests.columns import Added, TestedColumns
 from linkwise.likelihood.tests.diagnosis import TestedCauses, in_longer_segments
-from linkwise.likelihood.tests.score_test import Hypothesis, augmented_quadratic
+from linkwise.likelihood.tests.score_test import Hypothesis, Quadratic, augmented_quadratic
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -42,19 +42,13 @@ _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
 # times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
 _ABOVE = 30.0
-_STEADY = 0.85  # of the amplitude in the first half of a record: less in the second is no force that goes on
-FADING = "or, as it fades, a mode that the laws lack"
-"""The remark on a line that does not go on through a record, which no harmonic force or hum explains."""
 MAY_FADE = "or a mode that the laws lack: the record does not show that it goes on; state it if it is known, or add a mass"
-"""The remark on one that may fade as slowly as the lightest damped mode of a structure does."""
+"""The remark on a line that may fade as fast as the lightest damped mode of a structure does."""
 # damping ratio: welded and cast structures have 0.0005 and more, and what is held in a joint 0.002
 _LIGHTEST = 3e-4
 _SCREENED = 3.0  # times the mean there, below which no median is asked for: one in twenty of noise
 # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 _CHANCE = 16.0
-_HINTED = (
-    1.0 / 3.0
-)  # of that: what the clearest place and phase of a line gain at least where one is tested by all
 _FINE = 17  # frequencies around a line at which a hum is looked for
 _ALONE = 0.9  # of what hums of all sensors explain: a missing term leaves lines in several
 _HIGHEST = 0.4  # of the sampling rate
@@ -147,16 +141,14 @@ def not_shown_to_go_on(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[f
     forces, segments = fit.options.harmonics, fit.segments
     hums = [(one.term, one) for one in fit.found if isinstance(one.term, Hum)]
     lines = np.array([force.frequency for force in forces] + [hum.frequency for hum, _ in hums])
-    if not len(lines) or not fit.has_errors or not _tells_time(segments, records):
+    if not len(lines) or not fit.has_errors or not tells_time(segments, records):
         return ()
     time, owner = _times(segments, records)
     fading = []
     for hum, one in hums:
         number, (a, b) = one.unknown.record, one.sizes
-        waves = _waves(hum.frequency, time.reshape(len(owner), -1).T, owner, len(records))
-        cosine, sine = waves[2 * number : 2 * number + 2]
-        since_middle = time.reshape(len(owner), -1).T - 0.5 * records[number].duration
-        fading.append(-since_middle * (a * cosine + b * sine))
+        cosine, sine = _waves(hum.frequency, time, owner, len(records))[2 * number : 2 * number + 2]
+        fading.append((0.5 * records[number].duration - time) * (a * cosine + b * sine))
     channels = np.array([records[0].responses.index(hum.channel) for hum, _ in hums])
     shown = SensorErrors(channels, np.stack(fading, axis=1)) if hums else None
     rates, errors = _Unknowns.of(fit, fit.optimum, records, forces, shown, fading=True).rates
@@ -204,57 +196,32 @@ class Lines:
         return cls(fit, records, lines, looked_at, forces, hums) if lines else None
 
     def columns(self, optimum: Optimum) -> Iterator[Added]:
-        """Of each line of exact laws the force on the mass, and the hum of the sensor, that show it most, in the phase that
-        they show; none where the segments of an optimum do not tell their time.
+        """A cosine and a sine in each record of each force and each hum, of size one; none where the segments of an optimum do
+        not tell their time.
         """
-        if not (_is_exact(self.fit) and _tells_time(optimum.segments, self.records)):
+        if not tells_time(optimum.segments, self.records):
             return
-        for line in self.lines:
-            for mass in line.masses[:1]:
-                forces, units = _columns(optimum, self.records, [HarmonicForce("", mass, line.frequency, "")])
-                sizes = _phases(self._kicks(mass), line.frequency, len(self.records)) / units
-                along = np.einsum("jhk,h->jk", forces.along, sizes)
-                yield Added(Hypothesis(HARMONIC, ""), [(-1, mass, along)])
-            for channel in line.channels[:1]:
-                hums = _hums(optimum.segments, self.records, [(line.frequency, channel)])
-                sizes = _phases(self._residuals(channel), line.frequency, len(self.records))
-                assert hums is not None
-                shown = np.einsum("mhk,h->mk", hums.values, sizes)
-                yield Added(Hypothesis(HUM, ""), samples=[(channel, shown)])
-
-    def _kicks(self, mass: int) -> tuple[Floats, Floats, Indices]:
-        """(K - 1,) slopes by kicks of a mass at the nodes behind segments, their times in s from the middles of the records,
-        and the numbers of these.
-        """
-        segments = self.fit.optimum.segments
-        time, owner = _times(segments, self.records)
-        middle = 0.5 * np.array([record.duration for record in self.records])[owner]
-        length = segments.step * segments.refine * len(segments.samples)
-        before = 0.5 * segments.step * segments.refine if segments.centred else 0.0
-        at = time[:: len(segments.samples)] + length - middle - before
-        return self.fit.misfit.defects[len(segments.system.incidence) + mass], at[:-1], owner[:-1]
-
-    def _residuals(self, channel: int) -> tuple[Floats, Floats, Indices]:
-        """(K M,) residuals of a channel, their times in s since the starts of the records, and the numbers of these."""
-        time, owner = _times(self.fit.optimum.segments, self.records)
-        residuals = self.fit.misfit.residuals[:, channel]
-        return residuals.T.ravel(), time, np.repeat(owner, len(residuals))
+        forces = _columns(optimum, self.records, self.forces)
+        for k, mass in enumerate(forces.second.tolist()):
+            yield Added(Hypothesis(HARMONIC, ""), [(-1, mass, forces.along[:, k])], unit=1.0)
+        time, owner = _times(optimum.segments, self.records)
+        for frequency, channel in self.hums:
+            for wave in _waves(frequency, time, owner, len(self.records)):
+                yield Added(Hypothesis(HUM, ""), samples=[(channel, wave)])
 
     def causes(self, tested: TestedCauses | None) -> Iterator[Cause]:
         """What would explain each line by its score: the harmonic force on the mass on which it explains most, or a hum.
 
-        None where the `columns` that were `tested` beside causes explain far less.
+        By the `columns` that were `tested` beside causes, if they were.
         """
         records, fit = self.records, self.fit
         limit = _CHANCE + 2.0 * np.log(self.looked_at * len(fit.segments.system.incidence))
-        if tested is not None and tested.beside is not None:
-            free, p = np.flatnonzero(fit.free), len(fit.values)
-            beside = tested.beside.within([*free, *range(p, len(tested.beside.slope))]).tests(len(free))
-            if not np.any(beside.gains > _HINTED * limit * fit.optimum.noise**2):
-                return
-        optimum = _in_longer_segments(fit, records)
-        hums = _hums(optimum.segments, records, self.hums)
-        gains, sizes = _Unknowns.of(fit, optimum, records, self.forces, hums).each_alone(2 * len(records))
+        beside = None if tested is None else tested.beside
+        if beside is None:
+            with one_blas_thread():
+                beside = TestedColumns.of(self.columns(fit.optimum)).quadratic(fit.optimum)
+        information, score, _ = _eliminated(fit, beside)
+        gains, sizes = _each_alone(information, score, 2 * len(records))
         width = 1.0 / max(record.duration for record in records)
         for line in self.lines:
             of_forces = [k for k, force in enumerate(self.forces) if force.frequency == line.frequency]
@@ -263,18 +230,15 @@ class Lines:
             if gains[best] <= limit:
                 continue
             gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
-            fading = FADING if line.fades else ""
             if best < len(self.forces):
                 force = self.forces[best]
                 source = f"{sizes[best]:.3g} {force.unit}"
-                yield Cause(
-                    HARMONIC, force.mass, line.frequency, "Hz", gain, error, source=source, remark=fading
-                )
+                yield Cause(HARMONIC, force.mass, line.frequency, "Hz", gain, error, source=source)
                 continue
             channel = self.hums[best - len(self.forces)][1]
             frequency, alone = _refined_hum(fit, records, line.frequency, channel)
             if alone:
-                yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error, remark=fading)
+                yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error)
 
 
 def _is_exact(fit: LikelihoodFit) -> bool:
@@ -282,13 +246,6 @@ def _is_exact(fit: LikelihoodFit) -> bool:
     sensor. Other laws, and random forces, follow either.
     """
     return fit.optimum.q <= AnnealingSchedule.final_q and not fit.random_forces
-
-
-def _phases(series: tuple[Floats, Floats, Indices], frequency: float, records: int) -> Floats:
-    """(2 r,) sizes of a cosine and a sine in each record, of a frequency in Hz, that a series of values at times shows."""
-    values, time, owner = series
-    waves = np.stack(_waves(frequency, time, owner, records))
-    return np.asarray(waves @ np.nan_to_num(values))
 
 
 def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Record:
@@ -308,15 +265,11 @@ def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Rec
 
 @dataclass(frozen=True)
 class _Line:
-    """A line at a `frequency` in Hz, the numbers of the `masses` and the `channels` that show it, the clearest first.
-
-    It `fades` where it does not go on through the record.
-    """
+    """A line at a `frequency` in Hz, the numbers of the `masses` and the `channels` that show it, the clearest first."""
 
     frequency: float
     masses: Sequence[int]
     channels: Sequence[int]
-    fades: bool
 
 
 def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], int]:
@@ -345,27 +298,14 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
             slow = np.abs(frequency - nodes * np.rint(frequency / nodes)) < _PERIODS / record.duration
             high = (ratio >= _ABOVE) & ~slow & (frequency <= _HIGHEST * min(rate, record.rate))
             row, frequency, ratio = row[high], frequency[high], ratio[high]
-            fades = _fade(own[row], frequency / rate, ratio)
-            found.append(np.stack([ratio, frequency, np.full(len(row), kind), row, fades]))
+            found.append(np.stack([ratio, frequency, np.full(len(row), kind), row]))
     return list(_highest(np.concatenate(found, axis=1), records[0].duration)), count
 
 
-def _fade(series: Floats, frequency: Floats, ratio: Floats) -> Bools:
-    """(N,) whether waves of frequencies in cycles a sample fade in series (N, T), as a mode that laws lack does in a decay.
-
-    By more than chance, with power at a `ratio` to that of the noise.
-    """
-    half = series.shape[1] // 2
-    waves = np.hanning(half) * np.exp(-2j * np.pi * frequency[:, None] * np.arange(half))
-    parts = np.nan_to_num(series[:, :half]), np.nan_to_num(series[:, -half:])
-    first, second = (np.abs(np.sum(part * waves, axis=1)) for part in parts)
-    return np.asarray(second < np.minimum(_STEADY, 1.0 - 3.0 * np.sqrt(2.0 / np.maximum(ratio, 1.0))) * first)
-
-
 def _highest(found: Floats, duration: float) -> Iterator[_Line]:
-    """The highest of lines (5, N): ratio, frequency, kind and number of the series that shows each, and whether it fades."""
+    """The highest of lines (4, N): ratio, frequency, kind and number of the series that shows each."""
     order = np.argsort(-found[0], kind="stable")
-    ratio, frequency, kind, number, fades = found[:, order]
+    ratio, frequency, kind, number = found[:, order]
     for _ in range(_LINES):
         if not ratio.any():
             return
@@ -376,7 +316,7 @@ def _highest(found: Floats, duration: float) -> Iterator[_Line]:
         channels, masses = (
             list(dict.fromkeys(number[near & (kind == own)].astype(int).tolist())) for own in (0, 1)
         )
-        yield _Line(line, masses, channels, bool(fades[highest]))
+        yield _Line(line, masses, channels)
         ratio[away < 4.0] = 0.0
 
 
@@ -393,33 +333,20 @@ def _above_level(power: Floats) -> tuple[Indices, Indices, Floats]:
 def _in_longer_segments(fit: LikelihoodFit, records: Sequence[Record]) -> Optimum:
     """The optimum of a fit, in longer segments where those of each record follow each other without a break."""
     longer = in_longer_segments(fit)
-    return longer if _tells_time(longer.segments, records) else fit.optimum
+    return longer if tells_time(longer.segments, records) else fit.optimum
 
 
-def _tells_time(segments: Segments, records: Sequence[Record]) -> bool:
+def tells_time(segments: Segments, records: Sequence[Record]) -> bool:
     """Whether the segments of each record follow each other without a break."""
     return segments.count == sum(-(-len(record) // len(segments.samples)) for record in records)
 
 
 def _times(segments: Segments, records: Sequence[Record]) -> tuple[Floats, Indices]:
-    """Times (K M,) in s of the samples of all segments since the starts of their records, and the numbers (K,) of these."""
+    """Times (M, K) in s of the samples of all segments since the starts of their records, and the numbers (K,) of these."""
     samples = len(segments.samples)
     counts = [-(-len(record) // samples) for record in records]
     times = [record.step * np.arange(n * samples) for n, record in zip(counts, records, strict=True)]
-    return np.concatenate(times), np.repeat(np.arange(len(records)), counts)
-
-
-def _hums(
-    segments: Segments, records: Sequence[Record], hums: Sequence[tuple[float, int]]
-) -> SensorErrors | None:
-    """A cosine and a sine in each record for each hum, at a frequency in Hz of a channel; None without any."""
-    if not hums:
-        return None
-    time, owner = _times(segments, records)
-    time = time.reshape(len(owner), -1).T
-    waves = [wave for line, _ in hums for wave in _waves(line, time, owner, len(records))]
-    channel = np.repeat([channel for _, channel in hums], 2 * len(records))
-    return SensorErrors(channel, np.stack(waves, axis=1))
+    return np.concatenate(times).reshape(-1, samples).T, np.repeat(np.arange(len(records)), counts)
 
 
 def _waves(frequency: float, time: Floats, owner: Indices, records: int) -> list[Floats]:
@@ -436,7 +363,8 @@ def _refined_hum(
     series = residuals.transpose(1, 2, 0).reshape(residuals.shape[1], -1)
     time, _ = _times(fit.segments, records)
     near = line + _STEP / max(record.duration for record in records) * np.linspace(-1.0, 1.0, _FINE)
-    powers = np.array([np.abs(series @ np.exp(-2j * np.pi * frequency * time)) ** 2 for frequency in near])
+    waves = np.exp(-2j * np.pi * np.outer(time.T.ravel(), near))
+    powers = np.abs(series @ waves).T ** 2
     most = int(np.argmax(powers[:, channel]))
     return float(near[most]), bool(powers[most, channel] > _ALONE * powers[most].sum())
 
@@ -447,8 +375,29 @@ def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce
     frequencies = force.frequency + spacing * np.arange(-_AROUND, _AROUND + 1)
     tried = [replace(force, frequency=float(one)) for one in frequencies if one > 4.0 * spacing]
     unknowns = _Unknowns.of(fit, _in_longer_segments(fit, records), records, tried)
-    best = tried[int(np.argmax(unknowns.each_alone(2 * len(records))[0]))]
+    gains, _ = _each_alone(unknowns.information, unknowns.score, 2 * len(records))
+    best = tried[int(np.argmax(gains))]
     return replace(best, amplitudes=((0.0, 0.0),) * len(records))
+
+
+def _eliminated(fit: LikelihoodFit, quadratic: Quadratic) -> tuple[Floats, Floats, Floats]:
+    """The information (h, h) and score (h,) of what follows the p parameters of a fit, which follow it by (p, h)."""
+    optimum, p, free = fit.optimum, len(fit.values), np.flatnonzero(fit.free)
+    curvature, slope = quadratic.curvature / optimum.noise**2, quadratic.slope / optimum.noise**2
+    follow = np.zeros((p, len(slope) - p))
+    follow[free] = np.linalg.lstsq(curvature[np.ix_(free, free)], curvature[free, p:], rcond=1e-12)[0]
+    information = curvature[p:, p:] - curvature[p:, :p] @ follow
+    return information, slope[p:] - follow.T @ slope[:p], follow * optimum.scales.theta[:p, None]
+
+
+def _each_alone(information: Floats, score: Floats, each: int) -> tuple[Floats, Floats]:
+    """What each force or hum of so many unknowns alone would take off -2 log likelihood, and its amplitude."""
+    gains, sizes = [], []
+    for own in np.arange(len(score)).reshape(-1, each):
+        size = np.linalg.lstsq(information[np.ix_(own, own)], score[own], rcond=1e-9)[0]
+        gains.append(float(score[own] @ size))
+        sizes.append(float(np.hypot(*size[:2])))
+    return np.array(gains), np.array(sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -478,30 +427,10 @@ class _Unknowns:
     ) -> _Unknowns:
         """Those at the optimum of a fit, in segments of any length; with the rates of forces that are `fading`."""
         with one_blas_thread():
-            columns, units = _columns(optimum, records, forces, fading=fading)
-            augmented = augmented_quadratic(optimum, columns, hums)
-        units = np.append(units, np.ones(0 if hums is None else len(hums.channel)))
+            columns = _columns(optimum, records, forces, fading=fading)
+            eliminated = _eliminated(fit, augmented_quadratic(optimum, columns, hums))
         found = bool(forces and forces[0].amplitudes)
-        each, p = 2 * len(records) + found * (1 + fading), len(augmented.slope) - len(units)
-        free = np.flatnonzero(fit.free)
-        curvature, slope = augmented.curvature / optimum.noise**2, augmented.slope / optimum.noise**2
-        own = slice(p, None)
-        follow = np.zeros((p, len(units)))
-        follow[free] = np.linalg.lstsq(curvature[np.ix_(free, free)], curvature[free, own], rcond=1e-12)[0]
-        information = curvature[own, own] - curvature[own, :p] @ follow
-        score = slope[own] - follow.T @ slope[:p]
-        scale = optimum.scales.theta[:p, None]
-        return cls(forces, each, information / np.outer(units, units), score / units, follow * scale / units)
-
-    def each_alone(self, each: int) -> tuple[Floats, Floats]:
-        """What each force or hum of so many unknowns alone would take off -2 log likelihood, and its amplitude."""
-        gains, sizes = [], []
-        for own in np.arange(len(self.score)).reshape(-1, each):
-            slope = self.score[own]
-            size = np.linalg.lstsq(self.information[np.ix_(own, own)], slope, rcond=1e-9)[0]
-            gains.append(float(slope @ size))
-            sizes.append(float(np.hypot(*size[:2])))
-        return np.array(gains), np.array(sizes)
+        return cls(forces, 2 * len(records) + found * (1 + fading), *eliminated)
 
     @property
     def places(self) -> Indices:
@@ -546,8 +475,8 @@ class _Unknowns:
 
 def _columns(
     optimum: Optimum, records: Sequence[Record], forces: Sequence[HarmonicForce], *, fading: bool = False
-) -> tuple[CandidateForces, Floats]:
-    """The forces of unit size of all unknowns along the segments, and the units of these (h,).
+) -> CandidateForces:
+    """The forces of unit size of all unknowns along the segments.
 
     Behind the frequency of each comes the rate at which it is `fading`.
     """
@@ -557,7 +486,7 @@ def _columns(
     since_start, owner = _times(segments, records)
     before = 0.5 * segments.step * segments.refine if segments.centred else 0.0
     middle = 0.5 * np.array([record.duration for record in records])[owner]
-    first = since_start[:: len(segments.samples)] - middle - before
+    first = since_start[0] - middle - before
     time, columns = first + 0.5 * step * np.arange(2 * tangents + 1)[:, None], []
     for force in forces:
         waves = _waves(force.frequency, time, owner, len(records))
@@ -569,7 +498,5 @@ def _columns(
             if fading:
                 columns.append(-time * sum(a * cosine + b * sine for (a, b), cosine, sine in pairs))
     along = np.stack(columns, axis=1) if columns else np.empty((len(time), 0, time.shape[1]))
-    power = np.sqrt(np.mean(along[::2] ** 2, axis=(0, 2)))
-    scale = np.where(power > 0.0, power, 1.0)[:, None]
-    ends = np.repeat([force.number for force in forces], len(scale) // max(len(forces), 1)).astype(int)
-    return CandidateForces(np.full(len(ends), -1), ends, along / scale), 1.0 / scale[:, 0]
+    ends = np.repeat([force.number for force in forces], len(columns) // max(len(forces), 1)).astype(int)
+    return CandidateForces(np.full(len(ends), -1), ends, along)

@@ -2,7 +2,7 @@
 
 The Gauss-Newton model of the cost is augmented by one column for each force or error, without a new search. It predicts the
 reduction of the cost by any of them and the change of the parameters, for hundreds of columns at the cost of one step of the
-fit: `Quadratic` is that model, `single_tests` what each column alone would do.
+fit: `Quadratic` is that model, its `tests` what each column alone would do.
 
 Hypotheses are terms of links and links of a structure that a fit may lack, among them forces with memory along the motion:
 what a law of displacement and velocity lacks where a joint slips or a mount relaxes. Where random forces act, the score of a
@@ -45,10 +45,10 @@ from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread
 
 Pieces = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
-"""The part (N, L, K) of a state that is left after each piece of a motion, and what the piece adds.
+"""The part (N, K) of a state that is left after each piece of a motion, and what the piece adds.
 
-By the change of the elongation in m (N, L, K), the duration in s (K,), which the first piece, between segments, takes nothing
-of, and the standard deviations (2, L, 1) of the elongation in m and of its rate in m/s.
+By the change of the elongation in m (N, K), the duration in s (K,), which the first piece, between segments, takes nothing of,
+and the standard deviations (2,) of the elongation in m and of its rate in m/s.
 """
 
 
@@ -65,13 +65,13 @@ class MemoryForce:
     pieces: Pieces
 
     def along(self, motion: Floats, step: Floats, linked: Bools) -> Floats:
-        """The force along the elongations of links.
+        """The force along the elongation of a link.
 
         Parameters
         ----------
-        motion : array of shape (2 J + 1, 2, L, K)
-            The elongations of L links in m and their rates in m/s, at the ends of the J steps of K segments and in their
-            middles, in turn.
+        motion : array of shape (2 J + 1, 2, K)
+            The elongation of the link in m and its rate in m/s, at the ends of the J steps of K segments and in their middles,
+            in turn.
         step : array of shape (K,)
             Duration of a step in s.
         linked : array of bool, shape (K - 1,)
@@ -79,39 +79,29 @@ class MemoryForce:
 
         Returns
         -------
-        array of shape (2 J + 1, L, K)
+        array of shape (2 J + 1, K)
             The force there; zero where there is no motion.
         """
-        force = np.zeros((len(motion), *motion.shape[2:]))
-        spread = np.stack([np.std(motion[:, 0], axis=(0, 2)), np.std(motion[::2, 1], axis=(0, 2))])
-        moving = np.flatnonzero(np.isfinite(spread).all(axis=0) & (spread > 0.0).all(axis=0))
-        if len(moving):
-            path = motion[:, 0, moving]
-            change = np.empty(path.shape)
-            np.subtract(path[1:], path[:-1], out=change[1:])
-            change[0, :, 0] = 0.0
-            np.subtract(
-                path[0, :, 1:], path[-1, :, :-1], out=change[0, :, 1:]
-            )  # from where the segment before ends
-            left, added = self.pieces(change, 0.5 * step, spread[:, moving, None])
-            force[:, moving] = _states(left, added, np.append(False, linked))
-        return force
+        path, spread = motion[:, 0], np.array([np.std(motion[:, 0]), np.std(motion[::2, 1])])
+        if not (np.isfinite(spread).all() and (spread > 0.0).all()):
+            return np.zeros(path.shape)
+        before = np.roll(path[-1:], 1, axis=1)  # where the segment before ends
+        left, added = self.pieces(np.diff(path, axis=0, prepend=before), 0.5 * step, spread)
+        return _states(left, added, np.append(False, linked))
 
 
 def _states(left: Floats, added: Floats, follows: Bools) -> Floats:
-    """(N, L, K) z_j = left_j z_(j-1) + added_j along each of K segments, the first following the last of that before it.
+    """(N, K) z_j = left_j z_(j-1) + added_j along each of K segments, the first following the last of that before it.
 
     Where segments do not follow (K,) it is zero. That is a system of equations with two diagonals.
     """
     left[0] *= follows
     added[0] *= follows
-    diagonals = np.stack([np.ones(left.size), np.roll(-left.transpose(1, 2, 0).ravel(), -1)])
-    turned = added.transpose(1, 2, 0)
-    states, _ = dtbtrs(diagonals, turned.reshape(-1, 1), uplo="L", diag="U")
-    return np.asarray(states.reshape(turned.shape).transpose(2, 0, 1))
+    diagonals = np.stack([np.ones(left.size), np.roll(-left.T.ravel(), -1)])
+    states, _ = dtbtrs(diagonals, added.T.reshape(-1, 1), uplo="L", diag="U")
+    return np.asarray(states.reshape(added.T.shape).T)
 
 
-_AT_ONCE = 20_000  # values of forces with memory along some links: more leave the cache, and are slower
 _REACH = 0.3  # of the standard deviation of the elongation
 
 
@@ -184,51 +174,6 @@ class SingleTests:
     finite: Bools
 
 
-def single_tests(curvature: Floats, slope: Floats, scatter: Floats | None, parameters: int) -> SingleTests:
-    """Test the columns that follow the `parameters`.
-
-    `scatter` is the covariance of the slope, None where that is the curvature, as of white noise. A column of which the
-    coefficients, or unknowns that were eliminated, leave nothing but rounding gains nothing, nor does one that is not finite.
-    Raises numpy.linalg.LinAlgError where the equations of the parameters are not finite.
-    """
-    own, added = slice(0, parameters), slice(parameters, None)
-    finite = np.isfinite(slope[added])
-    for matrix in (curvature,) if scatter is None else (curvature, scatter):
-        finite &= np.isfinite(matrix[own, added]).all(axis=0) & np.isfinite(matrix.diagonal()[added])
-    if not finite.all():
-        within = np.append(np.ones(parameters, dtype=bool), finite)
-        curvature, slope = _without(curvature, within), np.where(within, slope, 0.0)
-        scatter = None if scatter is None else _without(scatter, within)
-    scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
-    scaled, gradient = curvature / np.outer(scale, scale), slope / scale
-    # LAPACK may never return from what is not finite
-    if not (np.isfinite(scaled[own]).all() and np.isfinite(gradient).all()):
-        raise np.linalg.LinAlgError("the equations of the parameters are not finite")
-    projection = np.linalg.lstsq(
-        scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=_SINGULAR
-    )[0]
-    left = scaled[added, added].diagonal() - np.einsum("ij,ij->j", scaled[own, added], projection[:, :-1])
-    score = gradient[added] - scaled[added, own] @ projection[:, -1]
-    tested = left > _COLLINEAR
-    left = np.where(tested, left, 1.0)
-    variance = left
-    if scatter is not None:
-        of_slope = scatter / np.outer(scale, scale)
-        coupled = np.einsum("ji,ji->i", projection[:, :-1], of_slope[own, added])
-        followed = np.einsum("ji,jk,ki->i", projection[:, :-1], of_slope[own, own], projection[:, :-1])
-        variance = of_slope[added, added].diagonal() - 2.0 * coupled + followed
-        tested &= variance > _ROUNDED * left
-        variance = np.where(tested, variance, 1.0)
-    sizes = score / left
-    return SingleTests(
-        np.where(tested, score**2 / variance, 0.0),
-        sizes / scale[added],
-        np.sqrt(variance) / left / scale[added],
-        -projection[:, :-1] * sizes / scale[own, None],
-        finite,
-    )
-
-
 def _without(matrix: Floats, within: Bools) -> Floats:
     """The matrix with zeros in the rows and columns that are not `within`."""
     return np.where(within[:, np.newaxis] & within, matrix, 0.0)
@@ -261,7 +206,7 @@ class Quadratic:
         chosen = np.array(order)
         block = np.ix_(chosen, chosen)
         scatter = None if self.scatter is None else self.scatter[block]
-        return Quadratic(self.curvature[block], self.slope[chosen], scatter)
+        return Quadratic(self.curvature[block], self.slope[chosen], scatter, self.model)
 
     def without(self, gone: Indices) -> Quadratic:
         """That in the others, which some unknowns follow to where the cost is least."""
@@ -292,8 +237,48 @@ class Quadratic:
         return Quadratic(curvature, slope, None if self.scatter is None else self.scatter / scale)
 
     def tests(self, parameters: int) -> SingleTests:
-        """The tests of what follows so many parameters."""
-        return single_tests(self.curvature, self.slope, self.scatter, parameters)
+        """The tests of the columns that follow so many parameters.
+
+        A column of which the coefficients, or unknowns that were eliminated, leave nothing but rounding gains nothing, nor
+        does one that is not finite. Raises numpy.linalg.LinAlgError where the equations of the parameters are not finite.
+        """
+        curvature, slope, scatter = self.curvature, self.slope, self.scatter
+        own, added = slice(0, parameters), slice(parameters, None)
+        finite = np.isfinite(slope[added])
+        for matrix in (curvature,) if scatter is None else (curvature, scatter):
+            finite &= np.isfinite(matrix[own, added]).all(axis=0) & np.isfinite(matrix.diagonal()[added])
+        if not finite.all():
+            within = np.append(np.ones(parameters, dtype=bool), finite)
+            curvature, slope = _without(curvature, within), np.where(within, slope, 0.0)
+            scatter = None if scatter is None else _without(scatter, within)
+        scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
+        scaled, gradient = curvature / np.outer(scale, scale), slope / scale
+        # LAPACK may never return from what is not finite
+        if not (np.isfinite(scaled[own]).all() and np.isfinite(gradient).all()):
+            raise np.linalg.LinAlgError("the equations of the parameters are not finite")
+        projection = np.linalg.lstsq(
+            scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=_SINGULAR
+        )[0]
+        left = scaled[added, added].diagonal() - np.einsum("ij,ij->j", scaled[own, added], projection[:, :-1])
+        score = gradient[added] - scaled[added, own] @ projection[:, -1]
+        tested = left > _COLLINEAR
+        left = np.where(tested, left, 1.0)
+        variance = left
+        if scatter is not None:
+            of_slope = scatter / np.outer(scale, scale)
+            coupled = np.einsum("ji,ji->i", projection[:, :-1], of_slope[own, added])
+            followed = np.einsum("ji,jk,ki->i", projection[:, :-1], of_slope[own, own], projection[:, :-1])
+            variance = of_slope[added, added].diagonal() - 2.0 * coupled + followed
+            tested &= variance > _ROUNDED * left
+            variance = np.where(tested, variance, 1.0)
+        sizes = score / left
+        return SingleTests(
+            np.where(tested, score**2 / variance, 0.0),
+            sizes / scale[added],
+            np.sqrt(variance) / left / scale[added],
+            -projection[:, :-1] * sizes / scale[own, None],
+            finite,
+        )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
@@ -371,26 +356,17 @@ def forces_along(
         np.multiply(values, units[number], out=both[:, number], casting="same_kind")
 
     plain = dict[tuple[int, int], dict[int, Law]]()
-    memory = dict[MemoryForce, dict[int, tuple[int, int]]]()
     for number, force in enumerate(forces):
-        ends = force.first, force.second
         if isinstance(force.law, Law):
-            plain.setdefault(ends, {})[number] = force.law
+            plain.setdefault((force.first, force.second), {})[number] = force.law
         else:
-            memory.setdefault(force.law, {})[number] = ends
+            elongation = motion[:, :, force.first] - motion[:, :, force.second]
+            put(number, force.law.along(elongation, segments.step * every, segments.linked))
     for (first, second), laws in plain.items():
         program = cached_program(tuple(law.expression for law in laws.values()), (*VARIABLES, *along))
         d, v = (motion[:, kind, first] - motion[:, kind, second] for kind in (0, 1))
         for number, values in zip(laws, program(d, v, *along.values()), strict=True):
             put(number, values)
-    some = max(1, _AT_ONCE // motion[:, 0, 0].size)
-    for law, of_links in memory.items():
-        for part in (list(of_links)[first : first + some] for first in range(0, len(of_links), some)):
-            firsts, seconds = np.array([of_links[number] for number in part]).T
-            elongations = motion[:, :, firsts] - motion[:, :, seconds]
-            values = law.along(elongations, segments.step * every, segments.linked)
-            for place, number in enumerate(part):
-                put(number, values[:, place])
     return both, units
 
 
