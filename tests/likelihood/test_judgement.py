@@ -270,8 +270,9 @@ def test_an_exponential_window_is_told_by_the_noise_that_falls_with_it(
 
     Of a cubic spring the amplitude is wrong by then as well, which terms of laws explain in part.
     """
-    cubic = ("k*d + c*v + k3*d**3", {"k3": k3}) if k3 else ("k*d + c*v", {})
-    spring = oscillator(cubic[0], name="spring", k=5000.0, c=2.0, **cubic[1])
+    spring = oscillator("k*d + c*v", name="spring", k=5000.0, c=2.0)
+    if k3:
+        spring = oscillator("k*d + c*v + k3*d**3", name="spring", k=5000.0, c=2.0, k3=k3)
     clean = lw.simulate(spring, release={"v:m1": 0.5}, duration=4.0, rate=500.0)
     level = 10.0 ** (-SNR / 20.0) * 0.2 * clean.values.std()
     louder = np.sqrt(1.0 + growth * np.exp(-2.0 * clean.time))

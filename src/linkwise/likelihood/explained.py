@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.display import format_percent
 from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.estimates.causes import (
     AMBIENT,
@@ -25,6 +26,7 @@ from linkwise.estimates.causes import (
     CLOCK,
     CROSSTALK,
     EVENT,
+    GAIN_DRIFT,
     HARMONIC,
     HIGH_PASS,
     HITS,
@@ -165,7 +167,7 @@ def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
 
 def _rivals(first: Cause, second: Cause) -> bool:
     """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass."""
-    kinds = ("mass", *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
+    kinds = ("mass", GAIN_DRIFT, *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
     kinds += ("term", "link") if first.kind == CROSSTALK else ()
     return second.kind in kinds and second.gain > first.gain - _DISTINCT
 
@@ -371,9 +373,24 @@ def _by_event(first: _Model) -> _Model | None:
     if before < record.start or behind > record.start + record.duration:
         return None
     times = (record.start, before), (behind, np.inf)
-    named = replace(event, remark="the parts before and behind it are taken as two records")
-    parts = first.beside(named, records=[record.between(*of_part) for of_part in times])
-    return None if parts is None else _with_errors(parts)
+    remark = "the parts before and behind it are taken as two records"
+    if event.share:
+        remark += (
+            f", and intervals allow for gains that are off by {format_percent(abs(event.share))} behind it"
+        )
+    named = replace(event, remark=remark)
+    parts = [record.between(*of_part) for of_part in times]
+    model = first.beside(named, records=parts)
+    last = None if model is None else _with_errors(model)
+    if last is None or not (event.share and last.is_explained):
+        return last
+    scale = np.array([1.0 if name.is_input else 1.0 + event.share for name in record.channels])
+    scaled = last.beside(records=[parts[0], replace(parts[1], values=parts[1].values / scale)])
+    if scaled is None or scaled.misfit > last.misfit + _AS_LIKELY:
+        return last
+    change = scaled.answer.values - last.answer.values
+    wider = last.answer.covariance + np.outer(change, change)
+    return replace(last, answer=replace(last.answer, covariance=wider))
 
 
 def _by_hits(first: _Model) -> _Model | None:
@@ -754,6 +771,8 @@ def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...
     """
     first = next(iter(diagnosis), None)
     if first is None or first.kind != "gain" or abs(first.size) > _CALIBRATED:
+        return ()
+    if any(cause.kind == GAIN_DRIFT and _rivals(first, cause) for cause in diagnosis):
         return ()
     if first.where not in record.responses or (len(record.responses) == 1 and record.inputs):
         return ()
