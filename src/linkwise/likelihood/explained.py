@@ -51,7 +51,6 @@ from linkwise.likelihood.options import (
 from linkwise.likelihood.random_forces import ALL, noise_of_channels, random_forces
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.terms import (
-    ERRORS,
     PPM,
     Delay,
     Disturbance,
@@ -132,21 +131,17 @@ def answer_with_sensors(
     that cannot be found.
     """
     require_known_kinds(admitted)
-
-    def answered(options: LikelihoodOptions) -> tuple[LikelihoodOptions, Answer, bool]:
-        return options, *with_delays(search, records, options, report, finish)
-
-    def beside(
-        rung: tuple[LikelihoodOptions, Answer, bool],
-    ) -> tuple[LikelihoodOptions, Answer, bool] | None:
-        options, answer, interrupted = rung
-        error = None if interrupted else distinct_error(answer.diagnosis)
+    answer, interrupted = with_delays(search, records, options, report, finish)
+    while not interrupted:
+        error = distinct_error(answer.diagnosis)
         if error is None or error.kind.removeprefix(OF_FORCE) not in admitted:
-            return None
+            break
         wider = with_error(options, error, records[0])
-        return None if wider is None else answered(wider)
-
-    return explained(answered(options), beside, len(ERRORS) * len(records[0].channels))[1]
+        if wider is None:
+            break
+        options = wider
+        answer, interrupted = with_delays(search, records, options, report, finish)
+    return answer
 
 
 def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
@@ -356,7 +351,16 @@ def _by_channel(first: _Model) -> _Model | None:
 
 def _by_slip(first: _Model) -> _Model | None:
     """Samples that one channel lost or doubled, or the clock that looks like them where that leaves less."""
-    slipped = _beside_slip(first)
+    if len(first.records) > 1 or not first.answer.diagnosis:
+        return None
+    names = (parameter.name for parameter in first.answer.parameters)
+    values = dict(zip(names, first.answer.values.tolist(), strict=True))
+    found = (
+        first.beside(cause, records=[record])
+        for cause, record in slips(first.records[0], first.structure, values)
+    )
+    without = (model for model in found if model is not None and model.is_explained)
+    slipped = min(without, key=lambda model: model.misfit, default=None)
     if slipped is None or not any(cause.kind == CLOCK for cause in first.answer.diagnosis[:1]):
         return slipped
     rival = _with_errors(first, most=1)
@@ -590,20 +594,6 @@ def _beside_channel(model: _Model, error: Cause) -> _Model | None:
         return model.beside(error, records=[corrected(record, error) for record in model.records])
     passed = model.with_error(error)
     return passed if passed is not None and (passed.is_explained or passed.is_nearly_explained) else None
-
-
-def _beside_slip(model: _Model) -> _Model | None:
-    """The model from the record without the samples that a channel lost or doubled; None where that leaves more than noise."""
-    if len(model.records) > 1 or not model.answer.diagnosis:
-        return None
-    names = (parameter.name for parameter in model.answer.parameters)
-    values = dict(zip(names, model.answer.values.tolist(), strict=True))
-    slipped = (
-        model.beside(cause, records=[record])
-        for cause, record in slips(model.records[0], model.structure, values)
-    )
-    found = [beside for beside in slipped if beside is not None and beside.is_explained]
-    return min(found, key=lambda beside: beside.misfit, default=None)
 
 
 def _beside_error(first: _Model, model: _Model) -> _Model | None:
