@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35764  # lines of all files of tests
+TESTS = 35801  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -16,7 +16,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 506),
     "cli": (20, 1899),
     "discovery": (18, 3489),
-    "estimates": (7, 1464),
+    "estimates": (7, 1466),
     "export": (9, 787),
     "expression": (6, 1083),
     "files": (14, 1943),

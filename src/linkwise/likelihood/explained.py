@@ -342,10 +342,8 @@ def _by_channel(first: _Model) -> _Model | None:
         if last is None or not last.is_explained:
             continue
         swapped = any(cause.kind == "swapped" for cause in last.added)
-        rival = (
-            explained(first, _beside_cause, 1) if swapped else None
-        )  # a term may stand for masses that are alike
-        return None if rival is not None and rival.is_explained else last
+        # a term may stand for masses that are alike
+        return None if swapped and explained(first, _beside_cause, 1).is_explained else last
     return None
 
 
@@ -376,19 +374,15 @@ def _by_event(first: _Model) -> _Model | None:
     before, behind = event.size - event.standard_error, event.size + event.standard_error
     if before < record.start or behind > record.start + record.duration:
         return None
-    times = (record.start, before), (behind, np.inf)
+    parts = [record.between(record.start, before), record.between(behind, np.inf)]
+    off = format_percent(abs(event.share))
     remark = "the parts before and behind it are taken as two records"
-    if event.share:
-        remark += (
-            f", and intervals allow for gains that are off by {format_percent(abs(event.share))} behind it"
-        )
-    named = replace(event, remark=remark)
-    parts = [record.between(*of_part) for of_part in times]
-    model = first.beside(named, records=parts)
+    remark += f", and intervals allow for gains that are off by {off} behind it" if event.share else ""
+    model = first.beside(replace(event, remark=remark), records=parts)
     last = None if model is None else _with_errors(model)
     if last is None or not (event.share and last.is_explained):
         return last
-    scale = np.array([1.0 if name.is_input else 1.0 + event.share for name in record.channels])
+    scale = np.where([name.is_input for name in record.channels], 1.0, 1.0 + event.share)
     scaled = last.beside(records=[parts[0], replace(parts[1], values=parts[1].values / scale)])
     if scaled is None or scaled.misfit > last.misfit + _AS_LIKELY:
         return last
@@ -406,9 +400,8 @@ def _by_hits(first: _Model) -> _Model | None:
         shortest |= {name: min(n, shortest.get(name, n)) for name, n in coarse_hits(record).items()}
     scales = [abs(cause.size) for cause in first.answer.diagnosis if cause.kind in _SCALES]
     open_ = not any(isinstance(one, Gain | Delay) and one.channel in shortest for one in first.options.errors)
-    if not (shortest and open_) or max(scales, default=0.0) > _BY_HITS * max(
-        map(coarseness, shortest.values())
-    ):
+    coarsest = max(map(coarseness, shortest.values()), default=0.0)
+    if not (shortest and open_) or max(scales, default=0.0) > _BY_HITS * coarsest:
         return None
     scaling = (Gain(name, coarseness(samples)) for name, samples in shortest.items())
     options = replace(first.options, errors=(*first.options.errors, *scaling))
@@ -620,10 +613,8 @@ def _beside_scale(model: _Model) -> _Model | None:
     first, structure, record = next(iter(model.answer.diagnosis), None), model.structure, model.records[0]
     if model.added or first is None or first.kind not in _SCALES or abs(first.size) > _CALIBRATED:
         return None
-    most, named = (
-        abs(first.size),
-        {(cause.kind, cause.where): cause for cause in reversed(model.answer.diagnosis)},
-    )
+    most = abs(first.size)
+    named = {(cause.kind, cause.where): cause for cause in reversed(model.answer.diagnosis)}
     known = {mass.name: mass.mass.value for mass in structure.masses if mass.mass.known and mass.mass.value}
     forces = [name for name in record.inputs if name.kind == "force"]
     sensors = list(record.responses) if forces or first.kind == "gain" else []

@@ -149,25 +149,17 @@ def _jumps(
         inverse = np.where(seen, 1.0 / np.where(seen, information, 1.0), 0.0)
         along = directions.transpose(0, 2, 1) @ pulls[some]
         gains = np.sum(along**2 * inverse[..., None], axis=1)
-        noise = np.mean(gains[:, 1:], axis=1) / m if gains.shape[1] > 1 else optimum.noise**2
+        drawn = np.mean(gains[:, 1:], axis=1) / m if gains.shape[1] > 1 else None
+        noise = np.full(len(gains), optimum.noise**2) if drawn is None else drawn
         gains = gains[:, 0] / noise
         best = int(np.argmax(gains))
         size = directions[best] @ (inverse[best] * along[best, :, 0])
         moves = (border[: len(scale), best * m : (best + 1) * m] @ size) * scale
         state = optimum.point.nodes[:, some[best] + 1] / optimum.scales.state
-        growth = state @ pulls[some[best], :, 0] / (state @ on_jumps[best] @ state)
-        left = (
-            (size - growth * state)
-            @ on_jumps[best]
-            @ (size - growth * state)
-            / np.broadcast_to(noise, gains.shape)[best]
-        )
-        yield (
-            float(gains[best]),
-            int(some[best]),
-            np.where(fit.free, moves, 0.0),
-            growth * bool(left < _ALIKE),
-        )
+        pull = state @ pulls[some[best], :, 0]
+        growth = pull / (state @ on_jumps[best] @ state)
+        alike = gains[best] - growth * pull / noise[best] < _ALIKE
+        yield float(gains[best]), int(some[best]), np.where(fit.free, moves, 0.0), float(growth * alike)
 
 
 def _by_jumps(equations: DrawnEquations, moments: Indices) -> tuple[Floats, Floats]:

@@ -88,9 +88,8 @@ def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     least = max(
         (_CHANCE, *(cause.gain for cause in before.diagnosis))
     )  # laws that lack a term leave more at its motion
-    if gain < least or _FALLS[best] < _LEAST or follows:
-        return None
-    if min(levels.by_growth + _LIKELIER * scatter, by_each) < costs[best]:
+    rival = min(levels.by_growth + _LIKELIER * scatter, by_each)
+    if gain < least or _FALLS[best] < _LEAST or follows or rival < costs[best]:
         return None
     error = np.sqrt(scatter / np.sum(2.0 * levels.samples * (levels.part - 0.5) ** 2))
     rate = float(_FALLS[best] / records[0].duration)
