@@ -52,6 +52,7 @@ def faulty(change: Callable[[np.ndarray, lw.Record], np.ndarray]) -> lw.Record:
 
 FAULTS: dict[str, tuple[Callable[[np.ndarray, lw.Record], np.ndarray], float]] = {
     "gain": (lambda x, record: 1.01 * x, 0.01),
+    "gain drift": (lambda x, record: x * (1.0 + 0.03 * record.time / record.time[-1]), 0.03),
     "drift": (lambda x, record: x + 1e-3 * record.time / record.time[-1], 1e-3),
     "crosstalk": (lambda x, record: x + 0.05 * record.channel("x:m1"), 0.05),
 }
@@ -72,6 +73,19 @@ def test_an_error_of_a_sensor_is_named_with_its_size(kind: str) -> None:
     entry = fit.to_dict()["diagnosis"][0]
     # five deviations squared, which no noise gains; measured 105 and more
     assert {"cause", "where", "size", "unit", "gain", "message"} <= set(entry) and entry["gain"] > 25.0
+
+
+def test_a_gain_of_all_channels_that_drifts_is_named() -> None:
+    """A decay that seems 10 % slower, of which no channel alone would tell; a damping would be eight errors off."""
+    law, values = "k*d + c*v + k3*d**3", {"k": 900.0, "c": 0.8, "k3": 3e6}
+    chain = row_of_masses([1.0, 0.5], outer=(law, values), inner=(law, values))
+    clean = lw.simulate(chain, release={"x:m1": 0.01, "x:m2": -0.005}, duration=5.0, rate=200.0)
+    drifting = clean.values * (1.0 + 0.1 * clean.time[:, np.newaxis] / clean.duration)
+    record = replace(clean, values=drifting, simulated=None).with_noise(40.0, seed=SEED)
+    fit = lw.identify(record, chain.unknown("all"), as_stated=True)
+    named = [cause for cause in fit.diagnosis if (cause.kind, cause.where) == ("gain drift", "all channels")]
+    assert not fit.trusted and named
+    assert named[0].size == pytest.approx(0.1, abs=LOST * named[0].standard_error)
 
 
 def test_a_filter_of_all_sensors_is_named() -> None:

@@ -52,3 +52,16 @@ def test_a_hint_at_one_that_noise_hides_widens_the_intervals(seed: int) -> None:
 def test_a_decay_without_one_is_left_as_it_is(seed: int) -> None:
     fit = lw.identify(decay(seed), SPRING.unknown("all"))
     assert fit.trusted and not fit.added and "event" not in fit.message
+
+
+@pytest.mark.parametrize("seed", [300, 303, 304])
+def test_intervals_about_an_event_that_a_gain_resembles_allow_for_that(seed: int) -> None:
+    """From the middle on a channel shows 3 % more of a cubic decay: as an event alone, k would be three errors off."""
+    spring = oscillator("k*d + c*v + k3*d**3", name="s", k=1030.0, c=0.6, k3=2e6)
+    clean = lw.simulate(spring, release={"x:m1": 5e-3}, duration=6.0, rate=200.0)
+    shown = clean.with_noise(35.0, seed=seed).channel("x:m1") * np.where(clean.time > 3.0, 1.03, 1.0)
+    fit = lw.identify(lw.Record.from_arrays(clean.time, {"x:m1": shown}), spring.unknown("all"))
+    assert fit.trusted and np.abs(errors(fit, spring)).max() < 1.96
+    [event] = fit.added
+    assert event.kind == "event" and "intervals allow for gains that are off by" in event.remark
+    assert event.share == pytest.approx(0.03, abs=0.01)

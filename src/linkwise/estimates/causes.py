@@ -31,7 +31,7 @@ class Cause:
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of
         them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are
         ``"swapped"``, another ``"place"`` of a force, ``"relative"`` motion taken for absolute, a ``"high pass"``, a
-        ``"clock"``, a ``"slip"`` by samples that were lost or doubled,
+        ``"clock"``, a ``"slip"`` by samples that were lost or doubled, a ``"gain drift"`` of a channel or all of them,
         ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, an exponential ``"window"``, ``"mass"``,
         the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between
         modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its
@@ -45,7 +45,7 @@ class Cause:
     size : float
         The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel
         shows, its delay behind that, the root mean square of the force for a term or a link, half the square of the
-        time constant for a filter, how many times too large values in another unit are, the
+        time constant for a filter, how many times too large values in another unit are, what a gain drifts by, the
         corner of a high pass, the frequency of a mode that is lacking or of a hum, the rate at which a window falls,
         the number of clipped samples or spikes, of samples of the shortest hit, of those that were lost or, below 0,
         doubled, 0 for a sign, a relative motion and channels that are swapped, the standard deviation of noise, the
@@ -63,7 +63,8 @@ class Cause:
         The channel that crosstalk comes from, the other one of two that are swapped or correlated, the mass on which a force
         acts, the mode of a shape, or the moment of a change, a slip or an event, else empty.
     share : float
-        Of a missing term: its part of the force in its link, both root mean squares; of a mode that is lacking: the part of
+        Of a missing term: its part of the force in its link, both root mean squares; of an event: the part by
+        which the motion grows there, 0 where that does not explain as much; of a mode that is lacking: the part of
         the power that is left in the sensors of its host that it explains.
     remark : str
         What else looks like it, else empty.
@@ -216,6 +217,7 @@ HITS: Final = "hits"
 SPIKES: Final = "spikes"
 HUM: Final = "hum"
 WINDOW: Final = "window"
+GAIN_DRIFT: Final = "gain drift"
 
 _OFF = "{0.where} that is off by {percent:+.3g} %"
 _SIZED = "{0.where} of {size:.3g} {0.unit}{remark}"
@@ -224,6 +226,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
     "kind of cause",
     {
         "gain": CauseKind(f"a gain of {_OFF}{{remark}}", "1", relative=True),
+        GAIN_DRIFT: CauseKind("a gain of {0.where} that drifts by {percent:+.3g} %", "1", relative=True),
         "offset": CauseKind("an offset of {0.size:.3g} {0.unit} in {0.where}"),
         "drift": CauseKind("a drift of {0.size:.3g} {0.unit} in {0.where}"),
         "delay": CauseKind("a delay of {ms:.3g} ms in {0.where}{remark}", "s"),

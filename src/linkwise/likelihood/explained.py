@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.display import format_percent
 from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.estimates.causes import (
     AMBIENT,
@@ -25,6 +26,7 @@ from linkwise.estimates.causes import (
     CLOCK,
     CROSSTALK,
     EVENT,
+    GAIN_DRIFT,
     HARMONIC,
     HIGH_PASS,
     HITS,
@@ -49,7 +51,6 @@ from linkwise.likelihood.options import (
 from linkwise.likelihood.random_forces import ALL, noise_of_channels, random_forces
 from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.terms import (
-    ERRORS,
     PPM,
     Delay,
     Disturbance,
@@ -130,21 +131,17 @@ def answer_with_sensors(
     that cannot be found.
     """
     require_known_kinds(admitted)
-
-    def answered(options: LikelihoodOptions) -> tuple[LikelihoodOptions, Answer, bool]:
-        return options, *with_delays(search, records, options, report, finish)
-
-    def beside(
-        rung: tuple[LikelihoodOptions, Answer, bool],
-    ) -> tuple[LikelihoodOptions, Answer, bool] | None:
-        options, answer, interrupted = rung
-        error = None if interrupted else distinct_error(answer.diagnosis)
+    answer, interrupted = with_delays(search, records, options, report, finish)
+    while not interrupted:
+        error = distinct_error(answer.diagnosis)
         if error is None or error.kind.removeprefix(OF_FORCE) not in admitted:
-            return None
+            break
         wider = with_error(options, error, records[0])
-        return None if wider is None else answered(wider)
-
-    return explained(answered(options), beside, len(ERRORS) * len(records[0].channels))[1]
+        if wider is None:
+            break
+        options = wider
+        answer, interrupted = with_delays(search, records, options, report, finish)
+    return answer
 
 
 def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
@@ -165,7 +162,7 @@ def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
 
 def _rivals(first: Cause, second: Cause) -> bool:
     """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass."""
-    kinds = ("mass", *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
+    kinds = ("mass", GAIN_DRIFT, *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
     kinds += ("term", "link") if first.kind == CROSSTALK else ()
     return second.kind in kinds and second.gain > first.gain - _DISTINCT
 
@@ -345,16 +342,23 @@ def _by_channel(first: _Model) -> _Model | None:
         if last is None or not last.is_explained:
             continue
         swapped = any(cause.kind == "swapped" for cause in last.added)
-        rival = (
-            explained(first, _beside_cause, 1) if swapped else None
-        )  # a term may stand for masses that are alike
-        return None if rival is not None and rival.is_explained else last
+        # a term may stand for masses that are alike
+        return None if swapped and explained(first, _beside_cause, 1).is_explained else last
     return None
 
 
 def _by_slip(first: _Model) -> _Model | None:
     """Samples that one channel lost or doubled, or the clock that looks like them where that leaves less."""
-    slipped = _beside_slip(first)
+    if len(first.records) > 1 or not first.answer.diagnosis:
+        return None
+    names = (parameter.name for parameter in first.answer.parameters)
+    values = dict(zip(names, first.answer.values.tolist(), strict=True))
+    found = (
+        first.beside(cause, records=[record])
+        for cause, record in slips(first.records[0], first.structure, values)
+    )
+    without = (model for model in found if model is not None and model.is_explained)
+    slipped = min(without, key=lambda model: model.misfit, default=None)
     if slipped is None or not any(cause.kind == CLOCK for cause in first.answer.diagnosis[:1]):
         return slipped
     rival = _with_errors(first, most=1)
@@ -370,10 +374,21 @@ def _by_event(first: _Model) -> _Model | None:
     before, behind = event.size - event.standard_error, event.size + event.standard_error
     if before < record.start or behind > record.start + record.duration:
         return None
-    times = (record.start, before), (behind, np.inf)
-    named = replace(event, remark="the parts before and behind it are taken as two records")
-    parts = first.beside(named, records=[record.between(*of_part) for of_part in times])
-    return None if parts is None else _with_errors(parts)
+    parts = [record.between(record.start, before), record.between(behind, np.inf)]
+    off = format_percent(abs(event.share))
+    remark = "the parts before and behind it are taken as two records"
+    remark += f", and intervals allow for gains that are off by {off} behind it" if event.share else ""
+    model = first.beside(replace(event, remark=remark), records=parts)
+    last = None if model is None else _with_errors(model)
+    if last is None or not (event.share and last.is_explained):
+        return last
+    scale = np.where([name.is_input for name in record.channels], 1.0, 1.0 + event.share)
+    scaled = last.beside(records=[parts[0], replace(parts[1], values=parts[1].values / scale)])
+    if scaled is None or scaled.misfit > last.misfit + _AS_LIKELY:
+        return last
+    change = scaled.answer.values - last.answer.values
+    wider = last.answer.covariance + np.outer(change, change)
+    return replace(last, answer=replace(last.answer, covariance=wider))
 
 
 def _by_hits(first: _Model) -> _Model | None:
@@ -385,9 +400,8 @@ def _by_hits(first: _Model) -> _Model | None:
         shortest |= {name: min(n, shortest.get(name, n)) for name, n in coarse_hits(record).items()}
     scales = [abs(cause.size) for cause in first.answer.diagnosis if cause.kind in _SCALES]
     open_ = not any(isinstance(one, Gain | Delay) and one.channel in shortest for one in first.options.errors)
-    if not (shortest and open_) or max(scales, default=0.0) > _BY_HITS * max(
-        map(coarseness, shortest.values())
-    ):
+    coarsest = max(map(coarseness, shortest.values()), default=0.0)
+    if not (shortest and open_) or max(scales, default=0.0) > _BY_HITS * coarsest:
         return None
     scaling = (Gain(name, coarseness(samples)) for name, samples in shortest.items())
     options = replace(first.options, errors=(*first.options.errors, *scaling))
@@ -575,20 +589,6 @@ def _beside_channel(model: _Model, error: Cause) -> _Model | None:
     return passed if passed is not None and (passed.is_explained or passed.is_nearly_explained) else None
 
 
-def _beside_slip(model: _Model) -> _Model | None:
-    """The model from the record without the samples that a channel lost or doubled; None where that leaves more than noise."""
-    if len(model.records) > 1 or not model.answer.diagnosis:
-        return None
-    names = (parameter.name for parameter in model.answer.parameters)
-    values = dict(zip(names, model.answer.values.tolist(), strict=True))
-    slipped = (
-        model.beside(cause, records=[record])
-        for cause, record in slips(model.records[0], model.structure, values)
-    )
-    found = [beside for beside in slipped if beside is not None and beside.is_explained]
-    return min(found, key=lambda beside: beside.misfit, default=None)
-
-
 def _beside_error(first: _Model, model: _Model) -> _Model | None:
     """The model with noise of inputs, or with the error of a sensor or an input that its diagnosis names first.
 
@@ -613,10 +613,8 @@ def _beside_scale(model: _Model) -> _Model | None:
     first, structure, record = next(iter(model.answer.diagnosis), None), model.structure, model.records[0]
     if model.added or first is None or first.kind not in _SCALES or abs(first.size) > _CALIBRATED:
         return None
-    most, named = (
-        abs(first.size),
-        {(cause.kind, cause.where): cause for cause in reversed(model.answer.diagnosis)},
-    )
+    most = abs(first.size)
+    named = {(cause.kind, cause.where): cause for cause in reversed(model.answer.diagnosis)}
     known = {mass.name: mass.mass.value for mass in structure.masses if mass.mass.known and mass.mass.value}
     forces = [name for name in record.inputs if name.kind == "force"]
     sensors = list(record.responses) if forces or first.kind == "gain" else []
@@ -752,6 +750,8 @@ def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...
     """
     first = next(iter(diagnosis), None)
     if first is None or first.kind != "gain" or abs(first.size) > _CALIBRATED:
+        return ()
+    if any(cause.kind == GAIN_DRIFT and _rivals(first, cause) for cause in diagnosis):
         return ()
     if first.where not in record.responses or (len(record.responses) == 1 and record.inputs):
         return ()

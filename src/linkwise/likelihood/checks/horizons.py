@@ -246,11 +246,13 @@ def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Ch
     for factor in _CLOSER_IF_LONG if is_long(optimum.segments) else _CLOSER:
         tight = _tightened(optimum, factor)
         closer = tight.searched(tight.q, _STEPS_CLOSER)
-        if closer.status is AnnealingStatus.INTERRUPTED:
-            return None
-        if closer.status is AnnealingStatus.CONVERGED:
-            return _diagnosed(fit, closer, tight, identified, channels)
-    return None
+        if closer.status in (AnnealingStatus.INTERRUPTED, AnnealingStatus.CONVERGED):
+            break
+    left = (closer.misfit.cost(closer.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
+    if closer.status is not AnnealingStatus.CONVERGED or not np.isfinite(left):
+        return None
+    closest = fit.at(tight, closer, optimum.noise**2 * closer.covariance)
+    return CloserFit(closest, left, diagnose(closest, with_values(identified, closest), channels, terms=True))
 
 
 def _tightened(optimum: Optimum, factor: float) -> Optimum:
@@ -261,25 +263,6 @@ def _tightened(optimum: Optimum, factor: float) -> Optimum:
     quieter = replace(random.scaled(np.full(len(random.rows), factor)), slope=None, origin=None)
     misfit = replace(optimum.misfit, segments=replace(segments, random=quieter))
     return replace(optimum, misfit=misfit, q=relaxation(misfit.segments, optimum.scales, optimum.point))
-
-
-def _diagnosed(
-    fit: LikelihoodFit,
-    closer: AnnealingFit,
-    tight: Optimum,
-    identified: Structure,
-    channels: Sequence[Channel],
-) -> CloserFit | None:
-    """A search by the equations of `tight`, whose end is `closer`, with what explains what it leaves; None where that is not
-    finite. The structure is `identified` with the values of the fit.
-    """
-    optimum = fit.optimum
-    closer_fit = fit.at(tight, closer, optimum.noise**2 * closer.covariance)
-    closer_structure = with_values(identified, closer_fit)
-    left = (closer.misfit.cost(closer.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
-    if not np.isfinite(left):
-        return None
-    return CloserFit(closer_fit, left, diagnose(closer_fit, closer_structure, channels, terms=True))
 
 
 def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> tuple[Cause, float, float] | None:

@@ -9,7 +9,7 @@ shows, as of whole periods of a free decay, may move a damping by many of its st
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
@@ -43,6 +43,7 @@ _BETWEEN = 4  # longer segments from one moment to the next, so that their ends 
 _ENDS = 0.05  # of a record: nearer to an end a jump is another start of its motion
 _RANK = 1e-9  # of the largest information on a jump: a direction with less is not seen
 _PULSE = 30.0  # times the mean power of an input: of a hit, whose impulse few samples hardly tell
+_ALIKE = 9.0  # of -2 log likelihood: three standard errors, by which a jump is told from another scale of the motion
 _HINT = 6.25  # with twice the logarithm of the moments, of one degree of freedom: one fit in 80 by chance
 
 
@@ -80,10 +81,10 @@ def likeliest_jump(
     moments = _moments(segments)
     try:
         with one_blas_thread():
-            none = 0.0, 0, np.empty(0)
+            none = 0.0, 0, np.empty(0), 0.0
             equations = DrawnEquations.of(fit, optimum, RELAXED, linear) if len(moments) else None
             jumps = () if equations is None else _jumps(fit, equations, moments)
-            gain, segment, moves = max(jumps, default=none, key=lambda jump: jump[0])
+            gain, segment, moves, growth = max(jumps, default=none, key=lambda jump: jump[0])
     except np.linalg.LinAlgError:
         return None
     of_one = float(scipy.special.chdtri(1, scipy.special.chdtrc(states, gain)))
@@ -95,7 +96,7 @@ def likeliest_jump(
     others = np.clip(moments[moments != segment] + 1, begin, end - 1)
     first = int(np.max(others[others <= segment], initial=begin))
     last = int(np.min(others[others > segment + 1], initial=end - 1))
-    event = event_between(segments, first, last, records, gain)
+    event = replace(event_between(segments, first, last, records, gain), share=growth)
     return Jump(event, moves, of_one > least_gain(len(moments)), of_one)
 
 
@@ -127,9 +128,10 @@ def _moments(segments: Segments) -> Indices:
 
 def _jumps(
     fit: LikelihoodFit, equations: DrawnEquations, moments: Indices
-) -> Iterator[tuple[float, int, Floats]]:
+) -> Iterator[tuple[float, int, Floats, float]]:
     """The likeliest of the jumps of all states at the ends of some segments, each alone, of each part of these: what it takes
-    off -2 log likelihood, the segment, and what it makes of the parameters (p,).
+    off -2 log likelihood, the segment, what it makes of the parameters (p,), and by which part of itself the motion grows, 0
+    where that does not explain as much.
     """
     optimum = equations.optimum
     m, scale = optimum.segments.system.dimension, optimum.scales.theta[: len(fit.values)]
@@ -137,16 +139,23 @@ def _jumps(
     for part in at_once(len(moments), optimum.segments.count * m * m):
         some = moments[part]
         border, followed = _by_jumps(equations, some)
-        information, directions = np.linalg.eigh(np.eye(m) / RELAXED**2 - followed)
+        on_jumps = np.eye(m) / RELAXED**2 - followed
+        information, directions = np.linalg.eigh(on_jumps)
         seen = information > _RANK * information[:, -1:]
         inverse = np.where(seen, 1.0 / np.where(seen, information, 1.0), 0.0)
         along = directions.transpose(0, 2, 1) @ pulls[some]
         gains = np.sum(along**2 * inverse[..., None], axis=1)
-        gains = gains[:, 0] / (np.mean(gains[:, 1:], axis=1) / m if gains.shape[1] > 1 else optimum.noise**2)
+        drawn = np.mean(gains[:, 1:], axis=1) / m if gains.shape[1] > 1 else None
+        noise = np.full(len(gains), optimum.noise**2) if drawn is None else drawn
+        gains = gains[:, 0] / noise
         best = int(np.argmax(gains))
         size = directions[best] @ (inverse[best] * along[best, :, 0])
         moves = (border[: len(scale), best * m : (best + 1) * m] @ size) * scale
-        yield float(gains[best]), int(some[best]), np.where(fit.free, moves, 0.0)
+        state = optimum.point.nodes[:, some[best] + 1] / optimum.scales.state
+        pull = state @ pulls[some[best], :, 0]
+        growth = pull / (state @ on_jumps[best] @ state)
+        alike = gains[best] - growth * pull / noise[best] < _ALIKE
+        yield float(gains[best]), int(some[best]), np.where(fit.free, moves, 0.0), float(growth * alike)
 
 
 def _by_jumps(equations: DrawnEquations, moments: Indices) -> tuple[Floats, Floats]:

@@ -150,22 +150,17 @@ def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
 def _accelerations(fit: LikelihoodFit, tested: TestedCauses | None) -> dict[int, float]:
     """Accelerations along their own profiles, in standard errors, of the parameters that may have large ones.
 
-    Those that have none of a move along the profiles of all are left out, as long as that halves their number.
+    Those that have none of a move along the profiles of all are left out.
     """
     with one_blas_thread():
         profiles = _Profiles.of(fit, tested)
         if profiles is None:
             return {}
-        suspected = np.flatnonzero(fit.free)
-        while True:
-            along = profiles.acceleration(profiles.along_all(suspected), len(suspected) ** -0.5)
-            left = suspected[~(np.abs(along[suspected]) < _SKEWED)]
-            if 2 * len(left) > len(suspected) or not len(left):
-                break
-            suspected = left
+        free = np.flatnonzero(fit.free)
+        along = profiles.acceleration(profiles.along_all(free), len(free) ** -0.5)
         return {
             number: float(profiles.acceleration(profiles.tangents[number], 1.0)[number])
-            for number in left.tolist()
+            for number in free[~(np.abs(along[free]) < _SKEWED)].tolist()
         }
 
 

@@ -1,7 +1,8 @@
 """Exponential windows of hammer tests, by which channels were multiplied: noise falls along the record as the window does.
 
 To a motion that decays such a window is damping, by any laws, and the residuals stay noise; their level alone tells it. Noise
-that grows with the motion falls as well, as the power of that: which of them it is the likelihoods of both levels say.
+that grows with the motion falls as well, as the power of that: which of them it is the likelihoods of both levels say. Of a
+nonlinear motion the amplitudes are wrong by then as well, which explains less than the level where it is the window.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from linkwise.estimates.causes import WINDOW, Cause
 from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.records.record import Record
-from linkwise.verdict import Verdict
+from linkwise.verdict import Grade, Verdict
 
 _BLOCKS = 24  # of each record, over which levels are taken
 _FALLS = np.linspace(0.0, 6.0, 121)  # logarithms of what a window takes off a record
@@ -69,9 +70,8 @@ class _Levels:
 def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     """Whether noise falls along records as behind an exponential window, which counts as damping of a motion that decays."""
     fit, records = of.fit, of.records
-    unnamed = before.verdict in (Verdict.NOISE_MISMATCH, Verdict.OUTLIERS) and not before.diagnosis
     shows_noise = fit.chi_square > _ROUNDING and not fit.random_forces and fit.optimum.coloured is None
-    if not (before.leaves_noise or unnamed) or not shows_noise:
+    if before.verdict.grade is Grade.REFUSED or not shows_noise:
         return None
     blocks = list(_levels(fit, records))
     if not blocks:
@@ -85,9 +85,11 @@ def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     follows = _FALLS[best] > _SLOWER * _FALLS[int(np.argmin(levels.by_falls(levels.motion).sum(axis=1)))]
     apart = max(len(levels.part) - 1, 1)  # a window falls in all channels alike
     by_each = float(of_each.min(axis=0).sum()) + chdtri(apart, _BY_CHANCE) * scatter
-    if gain < _CHANCE or _FALLS[best] < _LEAST or follows:
-        return None
-    if min(levels.by_growth + _LIKELIER * scatter, by_each) < costs[best]:
+    least = max(
+        (_CHANCE, *(cause.gain for cause in before.diagnosis))
+    )  # laws that lack a term leave more at its motion
+    rival = min(levels.by_growth + _LIKELIER * scatter, by_each)
+    if gain < least or _FALLS[best] < _LEAST or follows or rival < costs[best]:
         return None
     error = np.sqrt(scatter / np.sum(2.0 * levels.samples * (levels.part - 0.5) ** 2))
     rate = float(_FALLS[best] / records[0].duration)

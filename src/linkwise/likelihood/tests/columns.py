@@ -17,7 +17,7 @@ from itertools import chain, combinations, permutations
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimates.causes import CLOCK, CROSSTALK
+from linkwise.estimates.causes import CLOCK, CROSSTALK, GAIN_DRIFT
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.flow import in_turn, input_along
@@ -229,7 +229,8 @@ _COUPLED = 8  # channels up to which crosstalk between every two of them is test
 
 
 def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
-    """All kinds of errors of each sensor alone; the filter that they share, and the clock of the only input.
+    """All kinds of errors of each sensor alone, a gain of each or of all that drifts, the filter that they share, and the
+    clock of the only input.
 
     A gain is relative, an offset in the unit of the channel, a drift the change from the start of a record to its end, a delay
     in s, crosstalk the part of another channel of the same kind that is seen as well.
@@ -239,6 +240,10 @@ def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
     for channel, one in enumerate(shown):
         for kind, error in errors:
             yield Added(Hypothesis(kind, names[channel]), samples=[(channel, error.tested(one))])
+    drifting = [(channel, one.value * one.ramp) for channel, one in enumerate(shown)]
+    yield from (Added(Hypothesis(GAIN_DRIFT, names[one[0]]), samples=[one]) for one in drifting)
+    if len(drifting) > 1:
+        yield Added(Hypothesis(GAIN_DRIFT, "all channels"), samples=drifting)
     for channel, source in permutations(range(len(shown) if len(shown) <= _COUPLED else 0), 2):
         if kinds[channel] == kinds[source]:
             crosstalk = Hypothesis(CROSSTALK, names[channel], source=names[source])
