@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35764  # lines of all files of tests
+TESTS = 35787  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -21,8 +21,8 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "expression": (6, 1083),
     "files": (14, 1943),
     "identification": (13, 2400),
-    "inspection": (10, 1884),
-    "likelihood": (68, 14398),
+    "inspection": (10, 1888),
+    "likelihood": (68, 14401),
     "modal": (5, 853),
     "model": (17, 2995),
     "paper": (3, 358),
@@ -31,7 +31,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "report": (9, 1014),
     "response": (13, 1847),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 926),
-    "signals": (6, 838),
+    "signals": (6, 841),
     "simulation": (9, 1648),
     "sindy": (9, 1063),
     "study": (8, 1422),

@@ -128,6 +128,21 @@ def test_motion_up_to_half_the_rate_is_aliased() -> None:
     assert {"aliasing", "few-samples"} <= kinds(coarse)
 
 
+@pytest.mark.parametrize(("samples", "is_told"), [(4, True), (9, False)])
+def test_a_hit_of_few_samples_does_not_tell_its_impulse(samples: int, is_told: bool) -> None:
+    structure = oscillator("k*d + c*v", k=(2 * np.pi * 9.0) ** 2, c=1.0)
+    phase = np.pi * (np.arange(40_001) - 995) / (10 * samples)
+    half_sine = np.where((phase > 0.0) & (phase < np.pi), np.sin(phase), 0.0)
+    force = {"m1": lw.model.Sampled(0.0, 1e4, half_sine, order=1)}
+    clean = lw.simulate(structure, forces=force, duration=4.0, rate=1000.0)
+    alerts = lw.inspect(clean.with_noise(40.0, seed=1)).alerts
+    assert [(alert.kind, alert.channel) for alert in alerts] == [("few-samples", "force:m1")] * is_told
+    assert (
+        not is_told
+        or "4 samples, which tell the impulse of half a sine to within 1.6 % only" in alerts[0].message
+    )
+
+
 def test_a_short_record_is_told_and_the_worst_comes_first() -> None:
     assert kinds(ring_down(40.0).select(["x:m1"]).between(0.0, 0.15)) == {"short"}
     record = chain(2, 40.0)

@@ -5,7 +5,7 @@ import pytest
 
 import linkwise as lw
 from linkwise.errors import RecordError
-from linkwise.signals.force_window import coarse_hits, coarseness, with_force_windows
+from linkwise.signals.force_window import COARSE, coarse_hits, coarseness, with_force_windows
 
 RATE, NOISE = 1000.0, 0.3
 TIME = np.arange(2000) / RATE
@@ -76,9 +76,9 @@ def test_hits_of_few_samples_are_coarse() -> None:
     for width in rng.uniform(2.0, 10.0, 4000):
         phase = (np.arange(100.0) - 20.0 - rng.uniform()) / width
         pulse = np.where((phase > 0.0) & (phase < 1.0), np.sin(np.pi * phase), 0.0)
-        samples = coarse_hits(lw.Record(0.0, 1.0, ("force:m1",), pulse[:, None]))["force:m1"]
+        samples = coarse_hits(lw.Record(0.0, 1.0, ("force:m1",), pulse[:, None]), COARSE)["force:m1"]
         off.setdefault(samples, []).append(pulse.sum() * np.pi / 2.0 / width - 1.0)
     for samples in (3, 5, 8):
         assert np.std(off[samples]) == pytest.approx(coarseness(samples), rel=0.15)
     long = np.sin(np.pi * np.clip(np.arange(100.0) / 20.0, 0.0, 1.0))
-    assert not coarse_hits(lw.Record(0.0, 1.0, ("force:m1",), long[:, None]))
+    assert not coarse_hits(lw.Record(0.0, 1.0, ("force:m1",), long[:, None]), COARSE)

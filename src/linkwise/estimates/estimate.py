@@ -346,8 +346,7 @@ class Estimate(JudgedView):
             return ()
         causes = " and ".join(cause.description for cause in self.added)
         left = "noise" if self.grade is Grade.EXPLAINED else "the model error"
-        beside = f"beside {causes}, which was taken into the model, they leave {left} alone"
-        return (f"Laws as stated leave more than noise; {beside}.",)
+        return (f"Beside {causes}, which was taken into the model, the laws leave {left} alone.",)
 
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:

@@ -12,6 +12,7 @@ from linkwise.arrays import Floats
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
 from linkwise.inspection.result import Alert
 from linkwise.inspection.samples import without_spikes
+from linkwise.signals.force_window import UNDERSAMPLED, coarse_hits, coarseness
 
 _MAINS = (50.0, 60.0)  # Hz
 _HARMONICS = 3
@@ -199,7 +200,7 @@ _SAMPLES = 100  # of a record
 
 
 def few_samples(signals: RecordSignals) -> Iterator[Alert]:
-    """Alerts of responses that move too fast for their sampling rate."""
+    """Alerts of responses that move too fast for their sampling rate, and of forces whose hits are too short for it."""
     for signal in map(without_spikes, signals.responses):
         if signal.highest * _FEWEST <= signal.rate:
             continue
@@ -209,6 +210,10 @@ def few_samples(signals: RecordSignals) -> Iterator[Alert]:
             f"{10.0 * signal.highest:.2g} Hz or more, behind an anti-alias filter"
         )
         yield Alert("few-samples", signal.channel, message, 0.5)
+    for name, samples in coarse_hits(signals.record, UNDERSAMPLED).items():
+        within = f"{samples} samples, which tell the impulse of half a sine to within {100.0 * coarseness(samples):.2g} % only"
+        message = f"its shortest hit has {within}: sample faster, or take a softer tip"
+        yield Alert("few-samples", name, message, coarseness(samples))
 
 
 def short(signals: RecordSignals) -> Iterator[Alert]:

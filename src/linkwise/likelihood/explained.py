@@ -70,7 +70,7 @@ from linkwise.progress import part
 from linkwise.records.channel import BASE
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
-from linkwise.signals.force_window import coarse_hits, coarseness, without_hits
+from linkwise.signals.force_window import COARSE, UNDERSAMPLED, coarse_hits, coarseness, without_hits
 from linkwise.units import base_exponents
 from linkwise.verdict import Grade, Verdict
 
@@ -276,7 +276,8 @@ def explained_answer(
     """
     first = _Model(answered, structure, options, records, stated)
     if first.is_explained:
-        return stated
+        beside = _by_hits(first)
+        return stated if beside is None else beside.reported
     settled = stated.fit_verdicts[0] is not Verdict.NOT_CONVERGED
     for rung in LADDER:
         found = rung(first) if settled or rung in (_by_alerts, _by_copies, _by_channel) else None
@@ -393,11 +394,14 @@ def _by_event(first: _Model) -> _Model | None:
 
 def _by_hits(first: _Model) -> _Model | None:
     """The gains of forces whose hits have too few samples to tell their impulse, or the records between these hits, and errors
-    of sensors beside that; None without such hits, or where a scale is off by more than these leave open.
+    of sensors beside either; None without such hits, where a scale is off by more than these leave open, or more is left.
+
+    Beside an answer that is explained only those of so few samples count that they move coefficients before residuals show it.
     """
     shortest: dict[str, int] = {}
+    fewer = UNDERSAMPLED if first.is_explained else COARSE
     for record in first.records:
-        shortest |= {name: min(n, shortest.get(name, n)) for name, n in coarse_hits(record).items()}
+        shortest |= {name: min(n, shortest.get(name, n)) for name, n in coarse_hits(record, fewer).items()}
     scales = [abs(cause.size) for cause in first.answer.diagnosis if cause.kind in _SCALES]
     open_ = not any(isinstance(one, Gain | Delay) and one.channel in shortest for one in first.options.errors)
     coarsest = max(map(coarseness, shortest.values()), default=0.0)
@@ -410,12 +414,14 @@ def _by_hits(first: _Model) -> _Model | None:
         for name, samples in shortest.items()
     )
     scaled = first.beside(*gains, options=options)
-    if scaled is not None and (scaled := _with_errors(scaled)).is_explained:
+    if scaled is not None and scaled.is_explained:
         return scaled
+    # noise of the force would explain the shape of a pulse next, and coefficients be off
     pieces = [piece for record in first.records for piece in without_hits(record, shortest)]
     hits = (Cause(HITS, name, float(samples), "1", 0.0, 0.0) for name, samples in shortest.items())
     between = first.beside(*hits, records=pieces) if pieces else None
-    return None if between is None else _with_errors(between)
+    tried = (_with_errors(model) for model in (between, scaled) if model is not None)
+    return next((model for model in tried if model.is_explained), None)
 
 
 def _by_high_pass(first: _Model) -> _Model | None:

@@ -30,7 +30,10 @@ _CHANCE = 1e-4  # of what is white
 _FOOT = 0.05  # of the peak of a force, above which samples belong to a hit
 _LARGE = 0.2  # of it, which a hit reaches that counts
 _BESIDE = 4  # samples beside these, where the band limit of a sensor still shows a hit
-_COARSE = 12  # samples of half a sine, whose sum gives its impulse to within 0.2 %
+COARSE, UNDERSAMPLED = 12, 7
+"""Samples of half a sine, whose sum gives its impulse to within 0.2 and 0.5 %: of fewer, residuals show the error of
+the impulse beside little noise, and coefficients move before residuals do.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +88,14 @@ def force_window(
     return ForceWindow(channel, inside, deviation, mean)
 
 
-def coarse_hits(record: Record) -> dict[str, int]:
-    """The forces of hits with so few samples that these do not tell the impulse, and how many the shortest has.
+def coarse_hits(record: Record, fewer: int) -> dict[str, int]:
+    """The forces of hits with `fewer` samples than would tell the impulse, and how many the shortest has.
 
     Such a pulse is not band-limited between its samples.
     """
     hits = {str(name): _hits(record.channel(name)) for name in record.forces}
     shortest = {name: min(hit.stop - hit.start for hit in own) for name, own in hits.items() if own}
-    return {name: samples for name, samples in shortest.items() if samples < _COARSE}
+    return {name: samples for name, samples in shortest.items() if samples < fewer}
 
 
 def without_hits(record: Record, forces: Collection[str]) -> list[Record]:
