@@ -392,6 +392,9 @@ def _fit(
         random_forces = force_estimates(sensing.random, deviations, records[0].rate)
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
     found = _found(sensing.unknowns, point.border[p:], deviations)
+    optimum = Optimum(replace(fit.misfit, segments=segments), fit.q, explained.noise, explained.coloured)
+    if explained.coloured is not None:
+        optimum = replace(optimum, of_white=fit.covariance[:p, :p])
     return LikelihoodFit(
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
@@ -406,13 +409,7 @@ def _fit(
         samples=fit.samples,
         status=fit.status,
         path=fit.path,
-        optimum=Optimum(
-            replace(fit.misfit, segments=segments),
-            fit.q,
-            explained.noise,
-            explained.coloured,
-            None if explained.coloured is None else fit.covariance[:p, :p],
-        ),
+        optimum=optimum,
         prior_conflicts=_prior_conflicts(segments, explained),
         undetermined_gains=_undetermined_gains(found, explained.covariance, p),
         random_forces=random_forces,
