@@ -27,7 +27,7 @@ from linkwise.estimates.link_estimate import LinkMotion, extremes, forces_with_m
 from linkwise.likelihood.marginal import marginal_fit
 from linkwise.likelihood.noise import with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
+from linkwise.likelihood.problem import SAMPLES, SensorModel, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, searched
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus, AnnealingStep
@@ -326,22 +326,6 @@ def _fit_of_sparse(
     return fitted(theta, spread, sensing, replace(options, nodes=nodes))
 
 
-def _fit(
-    records: Sequence[Record],
-    structure: Structure,
-    theta: Floats,
-    spread: Floats | None,
-    sensing: SensorModel,
-    options: LikelihoodOptions,
-) -> LikelihoodFit:
-    """The fit of records in the coordinates of the equations, in the segments of `sensing`."""
-    # products run on threads of our own
-    with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
-        annealer = Annealer(options.loss, executor, options.progress)
-        problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
-        return replace(_fitted(problem, records, spread, sensing, options, annealer), options=options)
-
-
 def with_denoised(fit: LikelihoodFit, records: Sequence[Record], errors: Sequence[Term]) -> tuple[Term, ...]:
     """The errors with what high passes leave of the motion of a fit in each record, without the noise of the samples."""
     return tuple(
@@ -379,26 +363,38 @@ def _passed(motion: Floats, step: float, corner: float) -> Floats:
     return np.asarray(motion - 2.0 * np.pi * corner * integral)
 
 
-def _fitted(
-    problem: ShootingProblem,
+def _fit(
     records: Sequence[Record],
+    structure: Structure,
+    theta: Floats,
     spread: Floats | None,
     sensing: SensorModel,
     options: LikelihoodOptions,
-    annealer: Annealer,
 ) -> LikelihoodFit:
-    segments, start, fit, limit = searched(problem, spread, options, annealer)
+    """The fit of records in the coordinates of the equations, in the segments of `sensing`."""
     known, lowest = sensing.stated(records), sensing.lowest(records)
-    if segments.random is not None:
-        segments, fit = marginal_fit(segments, fit, known, annealer)
-    else:
-        fit = with_noise_of_residuals(segments, fit, annealer, lowest)
-    explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, options=options)
+    # products run on threads of our own
+    with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
+        annealer = Annealer(options.loss, executor, options.progress)
+        problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
+        segments, start, fit, limit = searched(problem, spread, options, annealer)
+        if segments.random is not None:
+            segments, fit = marginal_fit(segments, fit, known, annealer)
+        else:
+            fit = with_noise_of_residuals(segments, fit, annealer, lowest)
+        explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, options=options)
     fit, ratios, p = explained.fit, explained.error_ratios, segments.system.parameters.size
     point = fit.point
     segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))
+    random_forces: tuple[RandomForceEstimate, ...] = ()
+    if (random := segments.random) is not None:
+        deviations = random.present * random.deviation.max(axis=1)
+        random_forces = force_estimates(sensing.random, deviations, records[0].rate)
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
     found = _found(sensing.unknowns, point.border[p:], deviations)
+    optimum = Optimum(replace(fit.misfit, segments=segments), fit.q, explained.noise, explained.coloured)
+    if explained.coloured is not None:
+        optimum = replace(optimum, of_white=fit.covariance[:p, :p])
     return LikelihoodFit(
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
@@ -413,16 +409,11 @@ def _fitted(
         samples=fit.samples,
         status=fit.status,
         path=fit.path,
-        optimum=Optimum(
-            replace(fit.misfit, segments=segments),
-            fit.q,
-            explained.noise,
-            explained.coloured,
-            None if explained.coloured is None else fit.covariance[:p, :p],
-        ),
+        optimum=optimum,
         prior_conflicts=_prior_conflicts(segments, explained),
         undetermined_gains=_undetermined_gains(found, explained.covariance, p),
-        random_forces=_random_forces(segments, sensing, records[0].rate),
+        random_forces=random_forces,
+        options=options,
     )
 
 
@@ -432,14 +423,6 @@ def _found(unknowns: Sequence[Unknown], sizes: Floats, deviations: Floats) -> tu
     bare = (Unknown(one.term, one.channel, one.known, one.record) for one in unknowns)
     parts = (np.split(values, ends) for values in (sizes, deviations))
     return tuple(map(Found, bare, *parts)) if unknowns else ()
-
-
-def _random_forces(segments: Segments, sensing: SensorModel, rate: float) -> tuple[RandomForceEstimate, ...]:
-    if segments.random is None:
-        return ()
-    return force_estimates(
-        sensing.random, segments.random.present * segments.random.deviation.max(axis=1), rate
-    )
 
 
 def _prior_conflicts(segments: Segments, explained: ExplainedFit) -> Floats:

@@ -35,8 +35,8 @@ J. A. Hausman, Econometrica 46, 1251 (1978), for the test of two relaxations.
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy
@@ -296,11 +296,9 @@ class _MeanSlope:
 class _LogDeterminant:
     """Log det of the equations of the states in parts of the records, times `factor` to stand for all."""
 
-    segments: Segments
-    point: Iterate
-    scales: Scales
+    misfit: Misfit
     q: float
-    annealer: Annealer
+    executor: Executor | None
     factor: float
 
     @classmethod
@@ -308,7 +306,8 @@ class _LogDeterminant:
         """That of the equations of a fit."""
         which, share = parts_of(segments)
         point = replace(fit.point, nodes=fit.point.nodes[:, which])
-        return cls(segments.chosen(which), point, fit.scales, fit.q, annealer, share)
+        misfit = evaluate(segments.chosen(which), point, fit.scales, annealer.loss)
+        return cls(misfit, fit.q, annealer.executor, share)
 
     def slope(self, free: Bools, deviation: Floats) -> Floats:
         """(P,) its gradient by the unknowns that all nodes share, zero for those that are not free."""
@@ -325,36 +324,35 @@ class _LogDeterminant:
 
         They are all but the traces of H^-1 times what each channel, and each force, adds to H.
         """
-        random = self.segments.random
+        segments, scales = self.misfit.segments, self.misfit.scales
+        random = segments.random
         assert random is not None
-        residuals = self.segments.observed.sum(axis=(0, 2)).astype(float)
-        forces = np.full(len(random.rows), float(self.segments.count))
-        whole, inverse = self.linear.state, self._inverse_blocks()
+        residuals = segments.observed.sum(axis=(0, 2)).astype(float)
+        linear = self._linear(self.misfit)
+        factor = linear.equations(self.q).factor()
+        whole = linear.state
+        # zeros where the equations are singular
+        inverse = np.zeros_like(whole) if factor is None else factor.inverse_blocks()[0]
         for channel in np.flatnonzero(~known_noise).tolist():
-            sigma = self.scales.sigma.copy()
+            sigma = scales.sigma.copy()
             sigma[channel] *= _LOUDER
-            without = replace(self, scales=replace(self.scales, sigma=sigma)).linear.state
+            louder = replace(self.misfit, scales=replace(scales, sigma=sigma))
+            without = self._linear(louder.at(louder.point)).state
             residuals[channel] -= float(np.vdot(inverse, whole - without)) / (1.0 - _LOUDER**-2)
         own = inverse[:, random.rows, random.rows].T
-        forces -= np.sum(own * random.curvature(self.scales.state), axis=1)
+        forces = segments.count - np.sum(own * random.curvature(scales.state), axis=1)
         return self.factor * residuals, self.factor * forces
 
     def _value(self, step: Floats) -> float:
         """Log det where the border (P,) is moved by a step."""
-        moved = self.point.moved(self.point.nodes, self.point.border + step)
-        factor = replace(self, point=moved).linear.equations(self.q).factor()
+        point = self.misfit.point
+        moved = self.misfit.at(point.moved(point.nodes, point.border + step))
+        factor = self._linear(moved).equations(self.q).factor()
         return np.nan if factor is None else self.factor * factor.root.log_determinant
 
-    @cached_property
-    def linear(self) -> Linearization:
+    def _linear(self, misfit: Misfit) -> Linearization:
         """The linearised equations."""
-        misfit = evaluate(self.segments, self.point, self.scales, self.annealer.loss)
-        return linearise(misfit, self.annealer.executor)
-
-    def _inverse_blocks(self) -> Floats:
-        """(K, m, m) blocks of the inverse of those of the states; zeros where they are singular."""
-        factor = self.linear.equations(self.q).factor()
-        return np.zeros_like(self.linear.state) if factor is None else factor.inverse_blocks()[0]
+        return linearise(misfit, self.executor)
 
 
 _LONG = 16_000  # segments: of fewer most searches lead straight to exact laws

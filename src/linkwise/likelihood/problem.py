@@ -481,7 +481,7 @@ def _fine_segments(
     `segments_of` makes the segments with a number of steps of the flow a sample, of which there are the `least` or more.
     """
     cut = cache(segments_of)
-    tests = cache(lambda refine: _TestedFlow.of(cut(refine), point, scales))
+    tests = cache(lambda refine: _tested_flow(cut(refine), point, scales))
     refine = least
     while refine < _MAX_REFINEMENT and not _same_residuals(tests(refine), tests(2 * refine)):
         refine *= 2
@@ -491,57 +491,44 @@ def _fine_segments(
     return replace(cut(max(refine, steps)), tangent_refine=steps)
 
 
-@dataclass(frozen=True, eq=False)
-class _TestedFlow:
-    """The flow in some of the `segments`, which decide how fine the steps must be."""
-
-    segments: Segments
-    scales: Scales
-    misfit: Misfit
-
-    @classmethod
-    def of(cls, segments: Segments, point: Iterate, scales: Scales) -> _TestedFlow:
-        """The flow from the nodes of `point`."""
-        which = np.arange(segments.count)[:: max(1, segments.count // _TESTED_SEGMENTS)]
-        some = segments.chosen(which)
-        some = replace(some, linked=np.zeros(some.count - 1, dtype=bool))
-        misfit = evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian())
-        return cls(some, scales, misfit)
-
-    def end_sensitivities(self, steps: int) -> Floats:
-        """(2n + S, P, k) of the states at the segments' ends, by tangents in `steps` steps a sample."""
-        segments, theta = self.segments, self.misfit.point.theta
-        thinned, some = segments.refine // steps, self._tested
-        orbit, step = self.misfit.trajectories.part(some).thinned(thinned), segments.step[some] * thinned
-        units, inputs = (self.scales.state, self.scales.theta[: len(theta)]), segments.inputs.part(some)
-        for tangent in tangents(segments.system.at(theta), orbit, step, *units, inputs=inputs):
-            ends = tangent
-        x, u = ends.state
-        return np.concatenate([x, u / step, ends.memory]) / self.scales.state[:, None, None]
-
-    @property
-    def _tested(self) -> slice:
-        """The segments whose sensitivities are tested: fewer of many masses, each of which has as many to test."""
-        n, links = self.segments.system.incidence.shape
-        if n < MANY:
-            return slice(None)
-        numbers = links * (len(self.scales.state) + len(self.scales.theta)) * self.segments.count
-        return slice(None, None, -(-numbers // _TESTED_NUMBERS))
+def _tested_flow(segments: Segments, point: Iterate, scales: Scales) -> Misfit:
+    """The flow from the nodes of `point` in some of the `segments`, which decide how fine the steps must be."""
+    which = np.arange(segments.count)[:: max(1, segments.count // _TESTED_SEGMENTS)]
+    some = segments.chosen(which)
+    some = replace(some, linked=np.zeros(some.count - 1, dtype=bool))
+    return evaluate(some, replace(point, nodes=point.nodes[..., which]), scales, Gaussian())
 
 
-def _same_residuals(coarse: _TestedFlow, fine: _TestedFlow) -> bool:
+def _end_sensitivities(misfit: Misfit, steps: int) -> Floats:
+    """(2n + S, P, k) of the states at the segments' ends, by tangents in `steps` steps a sample.
+
+    Of many masses, each of which has as many to test, they are those of fewer segments.
+    """
+    segments, scales, part = replace(misfit.segments, tangent_refine=steps), misfit.scales, slice(None)
+    n, links = segments.system.incidence.shape
+    if n >= MANY:
+        numbers = links * (len(scales.state) + len(scales.theta)) * segments.count
+        part = slice(None, None, -(-numbers // _TESTED_NUMBERS))
+    orbit, step, inputs = replace(misfit, segments=segments).along_tangents(part)
+    unit = scales.theta[: len(misfit.point.theta)]
+    for tangent in tangents(misfit.mechanics, orbit, step, scales.state, unit, inputs=inputs):
+        ends = tangent
+    return ends.ends(1.0 / step) / scales.state[:, None, None]
+
+
+def _same_residuals(coarse: Misfit, fine: Misfit) -> bool:
     """Whether steps half as long change the residuals by no more than a small part of the noise."""
-    change = fine.misfit.residuals - coarse.misfit.residuals
+    change = fine.residuals - coarse.residuals
     size = np.sqrt(np.mean(change[np.isfinite(change)] ** 2))
-    return bool(np.isfinite(fine.misfit.residuals).all() and size < _FLOW_ERROR)
+    return bool(np.isfinite(fine.residuals).all() and size < _FLOW_ERROR)
 
 
-def _same_tangents(tested: _TestedFlow, steps: int) -> bool:
+def _same_tangents(tested: Misfit, steps: int) -> bool:
     """Whether twice as many steps than `steps` a sample change no column of the sensitivities by more than a small part.
 
     Segments are tied to each other by them: where they are wrong the search creeps, and ends beside the optimum.
     """
-    fine = tested.end_sensitivities(2 * steps)
-    change = fine - tested.end_sensitivities(steps)
+    fine = _end_sensitivities(tested, 2 * steps)
+    change = fine - _end_sensitivities(tested, steps)
     power, error = np.sum(fine**2, axis=(0, 2)), np.sum(change**2, axis=(0, 2))
     return not bool((error > _TANGENT_ERROR**2 * power).any())

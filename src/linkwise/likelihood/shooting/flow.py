@@ -26,7 +26,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.model.excitation import Sampled
-from linkwise.records.channel import BASE, Channel, interpolated
+from linkwise.records.channel import BASE, Channel
 
 _s = np.sqrt(21.0)
 
@@ -462,11 +462,6 @@ class _Stages:
             self.motion[0], self.motion[1], self.inside, self.force, self.change
         )
 
-    def evaluate(self) -> None:
-        """Forces and rates of states from `motion` and `inside`."""
-        for operation in self.law_operations:
-            operation()
-
     def integrate(self, orbit: Trajectories, j: int) -> None:
         """From the start of step j to its end, where floating-point warnings are ignored."""
         states, memory, forces = orbit.states, orbit.memory[j, : len(self.memory)], self.forces
@@ -530,7 +525,8 @@ class _Stages:
         for signal, values in zip(self.signals, self.inputs.signals.values(), strict=True):
             signal[:] = values[steps - 1, 4]
         orbit.memory[steps] = self.inside
-        self.evaluate()
+        for operation in self.law_operations:
+            operation()
         np.matmul(self.mechanics.gain, self.force, out=orbit.accelerations[steps])
         if self.inputs.force is not None:
             applied = self.inputs.applied(self.mechanics, steps - 1)[4]
@@ -614,10 +610,11 @@ EDGE = 3
 """Samples at both ends of a record that late sensors cannot use, as the base a delay earlier or later was not recorded."""
 
 
-def values_at_delays(values: Floats, rate: float) -> Floats:
-    """(P, N) a signal `values` (N,) at Chebyshev's points of delay, ascending; beyond its ends it runs straight on."""
-    signal, sample = interpolated(0.0, rate, values), np.arange(len(values)) / rate
-    return np.stack([straight_on(signal, sample - place * LARGEST / rate) for place in places_of_delays()])
+def at_delays(signal: Sampled, time: Floats, largest: float) -> Floats:
+    """(P, ...) a signal at times (...) that are late by Chebyshev's points of delay, ascending, up to the `largest` in s, a
+    negative one where the signal is late; beyond its ends it runs straight on.
+    """
+    return np.stack([straight_on(signal, time - place * largest) for place in places_of_delays()])
 
 
 def straight_on(signal: Sampled, time: Floats) -> Floats:
@@ -662,11 +659,6 @@ class LateBase:
     channels: tuple[int, ...]
     coefficients: Floats
     step: Floats
-
-    @classmethod
-    def through(cls, channels: Sequence[int], values: Floats, step: Floats) -> LateBase:
-        """Through `values` (P, M, L, K) at the points of `values_at_delays`."""
-        return cls(tuple(channels), powers_through(values), step)
 
     def chosen(self, which: Indices) -> LateBase:
         """Those of some of the segments."""

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from itertools import combinations_with_replacement
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,14 +243,10 @@ def _neighbourhood(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class GroupRows:
-    """Of k segments and a group of P columns: whitened `data` (k, C, M, P) of the group's channels, and `ends` (k, r, P'), the
-    sensitivities of the group's rows at the segments' ends to the moving columns, both in scaled unknowns.
-    """
-
-    data: Single
-    ends: Single
+GroupRows: TypeAlias = tuple[Single, Single]
+"""Of k segments and a group of P columns: whitened data (k, C, M, P) of the group's channels, and ends (k, r, P'), the
+sensitivities of the group's rows at the segments' ends to the moving columns, both in scaled unknowns.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,11 +285,7 @@ class LocalRows:
         return rows, (root * misfit.pulling[..., part]).transpose(2, 1, 0)
 
     def _of_group(
-        self,
-        group: Neighbourhood,
-        forces: TangentForces,
-        part: slice,
-        whiten: Single,
+        self, group: Neighbourhood, forces: TangentForces, part: slice, whiten: Single
     ) -> GroupRows:
         segments, scale, step = self.misfit.segments, self.misfit.scales.state, forces.step
         width = group.moving
@@ -313,13 +306,10 @@ class LocalRows:
                     data[:, channels, sample, :width] = (motions[kind][places] * factor[:, None]).transpose(
                         2, 0, 1
                     )
-            r, rate = len(group.masses), (1.0 / step).astype(np.float32)
-            ends[:, :r] = tangent.state[0].transpose(2, 0, 1)
-            ends[:, r : 2 * r] = (tangent.state[1] * rate).transpose(2, 0, 1)
-            ends[:, 2 * r :] = tangent.memory.transpose(2, 0, 1)
+            ends[:] = tangent.ends((1.0 / step).astype(np.float32)).transpose(2, 0, 1)
             ends /= scale[group.rows, None].astype(np.float32)
         self._add_errors(data, group, part, whiten)
-        return GroupRows(data, ends)
+        return data, ends
 
     def _shown_by(
         self, group: Neighbourhood, step: Floats
@@ -388,13 +378,13 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None, block
     def work(part: slice, pieces: list[slice]) -> list[Sums]:
         by_group, residuals = rows.part(part)
         ends, sums = [], list[Sums]()
-        for group, own in zip(groups, by_group, strict=True):
+        for group, (own_data, own_ends) in zip(groups, by_group, strict=True):
             a = len(group.states)
-            moved = own.ends * model.joined[part][:, group.rows, None].astype(np.float32)
+            moved = own_ends * model.joined[part][:, group.rows, None].astype(np.float32)
             model.state_ends[part, group.rows[:, None], group.states] = moved[..., :a]
             model.right_ends[part, group.rows[:, None], group.moving_border] = moved[..., a:]
             ends.append(moved.astype(float))
-            by_data = _gradient(own.data, residuals[:, group.channels].astype(np.float32))
+            by_data = _gradient(own_data, residuals[:, group.channels].astype(np.float32))
             by_ends = _gradient(ends[-1], model.right_ends[part, :, p][:, group.rows])
             model.right[part, group.states, p] = by_data[:, :a]
             for corners, columns, own_sums in (
@@ -403,10 +393,10 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None, block
             ):
                 slopes = [own_sums[piece, a:].sum(axis=0, dtype=float) for piece in pieces]
                 sums.append((corners.gradients, (slice(None), columns), np.stack(slopes)))
-        for pair in pairs:
-            shown = _common_rows([by_group[number].data for number in pair.groups], pair.channels)
-            moving = _common_rows([ends[number] for number in pair.groups], pair.rows)
-            first, second = (groups[number] for number in pair.groups)
+        for numbers, channels, rows_at_ends in pairs:
+            shown = _common_rows([by_group[number][0] for number in numbers], channels)
+            moving = _common_rows([ends[number] for number in numbers], rows_at_ends)
+            first, second = (groups[number] for number in numbers)
             _put(model, part, (first, second), shown)
             states = len(first.states), len(second.states)
             for corners, both in ((model.of_data, shown), (model.of_defects, moving)):
@@ -456,25 +446,19 @@ def _put(
         model.right[part, second.states[:, None], first.border] = border
 
 
-@dataclass(frozen=True, eq=False)
-class _MeetingGroups:
-    """Two groups of columns, by number, whose columns meet in some rows: the places of these rows in each of them."""
-
-    groups: tuple[int, int]
-    channels: tuple[Indices, Indices]
-    rows: tuple[Indices, Indices]
-
-
-def _pairs(groups: Sequence[Neighbourhood]) -> list[_MeetingGroups]:
-    """The pairs of groups whose columns meet."""
+def _pairs(
+    groups: Sequence[Neighbourhood],
+) -> list[tuple[tuple[int, int], tuple[Indices, Indices], tuple[Indices, Indices]]]:
+    """The numbers of each two groups whose columns meet in some rows, and the places of their common channels and of their
+    common rows at the segments' ends in each of them.
+    """
     pairs = []
-    for first, first_group in enumerate(groups):
-        for second in range(first, len(groups)):
-            second_group = groups[second]
-            _, *channels = np.intersect1d(first_group.channels, second_group.channels, return_indices=True)
-            _, *rows = np.intersect1d(first_group.rows, second_group.rows, return_indices=True)
-            if len(channels[0]) or len(rows[0]):
-                pairs.append(_MeetingGroups((first, second), (channels[0], channels[1]), (rows[0], rows[1])))
+    for first, second in combinations_with_replacement(range(len(groups)), 2):
+        own, other = groups[first], groups[second]
+        _, *channels = np.intersect1d(own.channels, other.channels, return_indices=True)
+        _, *rows = np.intersect1d(own.rows, other.rows, return_indices=True)
+        if len(channels[0]) or len(rows[0]):
+            pairs.append(((first, second), (channels[0], channels[1]), (rows[0], rows[1])))
     return pairs
 
 

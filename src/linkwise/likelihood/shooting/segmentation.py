@@ -22,10 +22,8 @@ from linkwise.likelihood.shooting.flow import (
     Inputs,
     LateBase,
     UncertainForces,
-    places_of_delays,
+    at_delays,
     powers_through,
-    straight_on,
-    values_at_delays,
 )
 from linkwise.likelihood.shooting.segments import A, ClippedReadings, F, S, Segments, Sensors, V, X
 from linkwise.likelihood.shooting.system import System
@@ -390,7 +388,9 @@ def _late_base(
     for frame in frames:
         names, nothing = list(frame.names.values()), np.zeros((1, len(frame.record)))
         shown = [frame.carried.get(names[channel], nothing)[0] for channel in late]
-        delayed = np.stack([values_at_delays(signal, frame.record.rate) for signal in shown], axis=2)
+        rate, time = frame.record.rate, np.arange(len(frame.record)) / frame.record.rate
+        signals = (interpolated(0.0, rate, values) for values in shown)
+        delayed = np.stack([at_delays(signal, time, LARGEST / rate) for signal in signals], axis=2)
         values.append(np.stack([cut(signal, len(segments.samples)) for signal in delayed]))
         reaches = np.ones((len(frame.record), len(names)))
         for channel in late:
@@ -398,7 +398,7 @@ def _late_base(
                 reaches[:EDGE, channel] = reaches[-EDGE:, channel] = 0.0
         inside.append(np.nan_to_num(cut(reaches, len(segments.samples))))
     through = np.nan_to_num(np.concatenate(values, axis=3))
-    base = LateBase.through(late, through, segments.step * segments.refine)
+    base = LateBase(tuple(late), powers_through(through), segments.step * segments.refine)
     return base, np.concatenate(inside, axis=2) > 0.0
 
 
@@ -540,6 +540,4 @@ def _at_delays(record: Record, values: Floats, count: int, grid: tuple[int, int]
     signal = interpolated(0.0, record.rate, values)
     steps = np.arange(count * samples * refine).reshape(count, samples * refine)
     time = np.minimum((record.step / refine) * (steps.T[:, None, :] + POINTS[None, :, None]), signal.end)
-    return np.stack(
-        [straight_on(signal, time + place * LARGEST / record.rate) for place in places_of_delays()]
-    )
+    return at_delays(signal, time, -LARGEST / record.rate)

@@ -283,6 +283,10 @@ class TangentStep:
         assert self.acceleration is not None and self.forces is not None
         return self.state[0], self.state[1], self.acceleration, self.forces, self.memory
 
+    def ends(self, rate: Floats | Single) -> NDArray[Any]:
+        """(2n + S, P, K) those of displacements, velocities and states of links, `rate` (K,) being one over the steps in s."""
+        return np.concatenate([self.state[0], self.state[1] * rate, self.memory])
+
 
 def tangents(
     mechanics: NumericSystem,
@@ -560,7 +564,7 @@ def _put_marched(
     segments, scales = misfit.segments, misfit.scales
     mechanics, (orbit, step, inputs) = misfit.mechanics, misfit.along_tangents(part)
     sensors = segments.sensors.at(mechanics)
-    n, p = segments.system.incidence.shape[0], segments.system.parameters.size
+    p = segments.system.parameters.size
     rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
     shown = [
         (
@@ -593,9 +597,7 @@ def _put_marched(
             whitened = (rows * factors[sample, :, None]).transpose(2, 0, 1)
             _put(jacobian, (slice(None), sample, places), whitened, columns)
     ends = np.zeros((len(jacobian), segments.system.dimension, jacobian.shape[-1] - 1))
-    moved = (tangent.state[0], tangent.state[1] * rates[V], tangent.memory)
-    for own, change in zip((slice(0, n), slice(n, 2 * n), slice(2 * n, None)), moved, strict=True):
-        _put(ends, (slice(None), own), change.transpose(2, 0, 1), columns)
+    _put(ends, (slice(None), slice(None)), tangent.ends(1.0 / step).transpose(2, 0, 1), columns)
     return ends
 
 
