@@ -38,7 +38,7 @@ from linkwise.likelihood.checks.recording import EXCHANGES, copied_samples, corr
 from linkwise.likelihood.checks.slips import slips
 from linkwise.likelihood.delays import Answer, Report, Search, with_delays
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.harmonics import FADING, MAY_FADE, harmonic_forces
+from linkwise.likelihood.harmonics import MAY_FADE, harmonic_forces
 from linkwise.likelihood.options import (
     OF_FORCE,
     LikelihoodOptions,
@@ -713,8 +713,6 @@ def _first_error(model: _Model) -> _Rung | None:
     """The error of a sensor or a force that the diagnosis names first; None where that is something else, or has rivals."""
     options, records, current = model.options, model.records, model.answer
     line = current.diagnosis[0] if current.diagnosis else None
-    if line is not None and line.remark == FADING:
-        return None
     if line is not None and line.kind == HUM:
         return replace(options, errors=(*options.errors, Hum(line.where, line.size))), (line,)
     if line is not None and line.kind == HARMONIC:

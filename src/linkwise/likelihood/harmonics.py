@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Floats, Indices
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import HARMONIC, HUM, Cause, SensorErrorEstimate
@@ -42,11 +42,8 @@ _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
 # times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
 _ABOVE = 30.0
-_STEADY = 0.85  # of the amplitude in the first half of a record: less in the second is no force that goes on
-FADING = "or, as it fades, a mode that the laws lack"
-"""The remark on a line that does not go on through a record, which no harmonic force or hum explains."""
 MAY_FADE = "or a mode that the laws lack: the record does not show that it goes on; state it if it is known, or add a mass"
-"""The remark on one that may fade as slowly as the lightest damped mode of a structure does."""
+"""The remark on a line that may fade as fast as the lightest damped mode of a structure does."""
 # damping ratio: welded and cast structures have 0.0005 and more, and what is held in a joint 0.002
 _LIGHTEST = 3e-4
 _SCREENED = 3.0  # times the mean there, below which no median is asked for: one in twenty of noise
@@ -144,7 +141,7 @@ def not_shown_to_go_on(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[f
     forces, segments = fit.options.harmonics, fit.segments
     hums = [(one.term, one) for one in fit.found if isinstance(one.term, Hum)]
     lines = np.array([force.frequency for force in forces] + [hum.frequency for hum, _ in hums])
-    if not len(lines) or not fit.has_errors or not _tells_time(segments, records):
+    if not len(lines) or not fit.has_errors or not tells_time(segments, records):
         return ()
     time, owner = _times(segments, records)
     fading = []
@@ -202,11 +199,11 @@ class Lines:
         """A cosine and a sine in each record of each force and each hum, of size one; none where the segments of an optimum do
         not tell their time.
         """
-        if not _tells_time(optimum.segments, self.records):
+        if not tells_time(optimum.segments, self.records):
             return
-        forces, units = _columns(optimum, self.records, self.forces)
+        forces = _columns(optimum, self.records, self.forces)
         for k, mass in enumerate(forces.second.tolist()):
-            yield Added(Hypothesis(HARMONIC, ""), [(-1, mass, forces.along[:, k] / units[k])], unit=1.0)
+            yield Added(Hypothesis(HARMONIC, ""), [(-1, mass, forces.along[:, k])], unit=1.0)
         time, owner = _times(optimum.segments, self.records)
         for frequency, channel in self.hums:
             for wave in _waves(frequency, time, owner, len(self.records)):
@@ -233,18 +230,15 @@ class Lines:
             if gains[best] <= limit:
                 continue
             gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
-            fading = FADING if line.fades else ""
             if best < len(self.forces):
                 force = self.forces[best]
                 source = f"{sizes[best]:.3g} {force.unit}"
-                yield Cause(
-                    HARMONIC, force.mass, line.frequency, "Hz", gain, error, source=source, remark=fading
-                )
+                yield Cause(HARMONIC, force.mass, line.frequency, "Hz", gain, error, source=source)
                 continue
             channel = self.hums[best - len(self.forces)][1]
             frequency, alone = _refined_hum(fit, records, line.frequency, channel)
             if alone:
-                yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error, remark=fading)
+                yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error)
 
 
 def _is_exact(fit: LikelihoodFit) -> bool:
@@ -271,15 +265,11 @@ def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Rec
 
 @dataclass(frozen=True)
 class _Line:
-    """A line at a `frequency` in Hz, the numbers of the `masses` and the `channels` that show it, the clearest first.
-
-    It `fades` where it does not go on through the record.
-    """
+    """A line at a `frequency` in Hz, the numbers of the `masses` and the `channels` that show it, the clearest first."""
 
     frequency: float
     masses: Sequence[int]
     channels: Sequence[int]
-    fades: bool
 
 
 def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], int]:
@@ -308,27 +298,14 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
             slow = np.abs(frequency - nodes * np.rint(frequency / nodes)) < _PERIODS / record.duration
             high = (ratio >= _ABOVE) & ~slow & (frequency <= _HIGHEST * min(rate, record.rate))
             row, frequency, ratio = row[high], frequency[high], ratio[high]
-            fades = _fade(own[row], frequency / rate, ratio)
-            found.append(np.stack([ratio, frequency, np.full(len(row), kind), row, fades]))
+            found.append(np.stack([ratio, frequency, np.full(len(row), kind), row]))
     return list(_highest(np.concatenate(found, axis=1), records[0].duration)), count
 
 
-def _fade(series: Floats, frequency: Floats, ratio: Floats) -> Bools:
-    """(N,) whether waves of frequencies in cycles a sample fade in series (N, T), as a mode that laws lack does in a decay.
-
-    By more than chance, with power at a `ratio` to that of the noise.
-    """
-    half = series.shape[1] // 2
-    waves = np.hanning(half) * np.exp(-2j * np.pi * frequency[:, None] * np.arange(half))
-    parts = np.nan_to_num(series[:, :half]), np.nan_to_num(series[:, -half:])
-    first, second = (np.abs(np.sum(part * waves, axis=1)) for part in parts)
-    return np.asarray(second < np.minimum(_STEADY, 1.0 - 3.0 * np.sqrt(2.0 / np.maximum(ratio, 1.0))) * first)
-
-
 def _highest(found: Floats, duration: float) -> Iterator[_Line]:
-    """The highest of lines (5, N): ratio, frequency, kind and number of the series that shows each, and whether it fades."""
+    """The highest of lines (4, N): ratio, frequency, kind and number of the series that shows each."""
     order = np.argsort(-found[0], kind="stable")
-    ratio, frequency, kind, number, fades = found[:, order]
+    ratio, frequency, kind, number = found[:, order]
     for _ in range(_LINES):
         if not ratio.any():
             return
@@ -339,7 +316,7 @@ def _highest(found: Floats, duration: float) -> Iterator[_Line]:
         channels, masses = (
             list(dict.fromkeys(number[near & (kind == own)].astype(int).tolist())) for own in (0, 1)
         )
-        yield _Line(line, masses, channels, bool(fades[highest]))
+        yield _Line(line, masses, channels)
         ratio[away < 4.0] = 0.0
 
 
@@ -356,10 +333,10 @@ def _above_level(power: Floats) -> tuple[Indices, Indices, Floats]:
 def _in_longer_segments(fit: LikelihoodFit, records: Sequence[Record]) -> Optimum:
     """The optimum of a fit, in longer segments where those of each record follow each other without a break."""
     longer = in_longer_segments(fit)
-    return longer if _tells_time(longer.segments, records) else fit.optimum
+    return longer if tells_time(longer.segments, records) else fit.optimum
 
 
-def _tells_time(segments: Segments, records: Sequence[Record]) -> bool:
+def tells_time(segments: Segments, records: Sequence[Record]) -> bool:
     """Whether the segments of each record follow each other without a break."""
     return segments.count == sum(-(-len(record) // len(segments.samples)) for record in records)
 
@@ -450,13 +427,10 @@ class _Unknowns:
     ) -> _Unknowns:
         """Those at the optimum of a fit, in segments of any length; with the rates of forces that are `fading`."""
         with one_blas_thread():
-            columns, units = _columns(optimum, records, forces, fading=fading)
-            augmented = augmented_quadratic(optimum, columns, hums)
+            columns = _columns(optimum, records, forces, fading=fading)
+            eliminated = _eliminated(fit, augmented_quadratic(optimum, columns, hums))
         found = bool(forces and forces[0].amplitudes)
-        each = 2 * len(records) + found * (1 + fading)
-        units = np.append(units, np.ones(0 if hums is None else len(hums.channel)))
-        information, score, follow = _eliminated(fit, augmented)
-        return cls(forces, each, information / np.outer(units, units), score / units, follow / units)
+        return cls(forces, 2 * len(records) + found * (1 + fading), *eliminated)
 
     @property
     def places(self) -> Indices:
@@ -501,8 +475,8 @@ class _Unknowns:
 
 def _columns(
     optimum: Optimum, records: Sequence[Record], forces: Sequence[HarmonicForce], *, fading: bool = False
-) -> tuple[CandidateForces, Floats]:
-    """The forces of unit size of all unknowns along the segments, and the units of these (h,).
+) -> CandidateForces:
+    """The forces of unit size of all unknowns along the segments.
 
     Behind the frequency of each comes the rate at which it is `fading`.
     """
@@ -524,7 +498,5 @@ def _columns(
             if fading:
                 columns.append(-time * sum(a * cosine + b * sine for (a, b), cosine, sine in pairs))
     along = np.stack(columns, axis=1) if columns else np.empty((len(time), 0, time.shape[1]))
-    power = np.sqrt(np.mean(along[::2] ** 2, axis=(0, 2)))
-    scale = np.where(power > 0.0, power, 1.0)[:, None]
-    ends = np.repeat([force.number for force in forces], len(scale) // max(len(forces), 1)).astype(int)
-    return CandidateForces(np.full(len(ends), -1), ends, along / scale), 1.0 / scale[:, 0]
+    ends = np.repeat([force.number for force in forces], len(columns) // max(len(forces), 1)).astype(int)
+    return CandidateForces(np.full(len(ends), -1), ends, along)

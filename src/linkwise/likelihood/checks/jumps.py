@@ -19,6 +19,7 @@ import scipy
 from linkwise.arrays import Floats, Indices
 from linkwise.estimates.causes import EVENT, Cause
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.harmonics import tells_time
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.diagnosis import TestedCauses, least_gain
@@ -72,7 +73,8 @@ def likeliest_jump(
     if not exact or large or fit.random_forces:
         return None
     optimum, linear = fit.optimum, None
-    if tested and model and _tells_moments(tested.longer.segments, records):
+    longer = tested.longer.segments if tested and model else None
+    if longer and tells_time(longer, records) and longer.count >= _BETWEEN * _count(longer):
         optimum, linear = tested.longer, model.linear
     segments = optimum.segments
     moments = _moments(segments)
@@ -95,12 +97,6 @@ def likeliest_jump(
     last = int(np.min(others[others > segment + 1], initial=end - 1))
     event = event_between(segments, first, last, records, gain)
     return Jump(event, moves, of_one > least_gain(len(moments)), of_one)
-
-
-def _tells_moments(segments: Segments, records: Sequence[Record]) -> bool:
-    """Whether longer segments of each record follow each other without a break, several from one moment to the next."""
-    unbroken = segments.count == sum(-(-len(record) // len(segments.samples)) for record in records)
-    return unbroken and segments.count >= _BETWEEN * _count(segments)
 
 
 def _count(segments: Segments) -> int:
