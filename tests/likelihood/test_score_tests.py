@@ -13,7 +13,7 @@ from structures import link, oscillator, structure, with_links
 import linkwise as lw
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.tests import diagnosis, score_test
-from linkwise.likelihood.tests.score_test import CandidateForce, determinant_slopes, single_tests
+from linkwise.likelihood.tests.score_test import CandidateForce, Quadratic, determinant_slopes
 
 CHAIN = lw.bnes_chain(2)
 
@@ -88,11 +88,11 @@ def test_a_column_that_is_not_finite_leaves_the_others_as_they_are(value: float)
     """One such column ended the tests of all, so that no error of a sensor and no missing term was named."""
     columns, residuals = equations(2)
     curvature, slope = columns.T @ columns, columns.T @ residuals
-    apart = single_tests(curvature, slope, curvature, PARAMETERS)
+    apart = Quadratic(curvature, slope, curvature).tests(PARAMETERS)
     infinite, others = PARAMETERS + 1, [0, 2]
     curvature[infinite], curvature[:, infinite], slope[infinite] = value, value, value
     for scatter in (curvature, 1.0 * curvature):
-        tests = single_tests(curvature, slope, scatter, PARAMETERS)
+        tests = Quadratic(curvature, slope, scatter).tests(PARAMETERS)
         assert tests.gains[1] == 0.0 and tests.sizes[1] == 0.0
         np.testing.assert_allclose(tests.gains[others], apart.gains[others], rtol=1e-12)
         np.testing.assert_allclose(tests.sizes[others], apart.sizes[others], rtol=1e-12)

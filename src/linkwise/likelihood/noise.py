@@ -359,28 +359,16 @@ class ColouredNoise:
         """
         series = in_time(residuals, linked)
         series[series == 0.0] = np.nan
-        white = [is_white(channel) for channel in series]
-        if all(white):
+        coefficients = tuple(own for own in map(_autoregression, series) if own is not None)
+        if len(coefficients) < len(series) or not any(map(len, coefficients)):
             return None
-        coefficients = [
-            np.zeros(0) if is_plain else _autoregression(channel)
-            for channel, is_plain in zip(series, white, strict=True)
-        ]
-        autoregressions = tuple(own for own in coefficients if own is not None)
-        if len(autoregressions) < len(series):
-            return None
-        innovations = [
-            _innovations(channel, own) for channel, own in zip(series, autoregressions, strict=True)
-        ]
-        return cls(
-            autoregressions,
-            np.array([float(np.nanmean(innovation**2)) for innovation in innovations]),
-            tuple(
-                _tapered(innovation) if len(own) else np.ones(1)
-                for innovation, own in zip(innovations, autoregressions, strict=True)
-            ),
-            np.isfinite(series).sum(axis=1),
+        innovations = list(map(_innovations, series, coefficients))
+        correlations = (
+            _tapered(left) if len(own) else np.ones(1)
+            for left, own in zip(innovations, coefficients, strict=True)
         )
+        variances = np.array([np.nanmean(left**2) for left in innovations])
+        return cls(coefficients, variances, tuple(correlations), np.isfinite(series).sum(axis=1))
 
     @property
     def channels(self) -> Indices:
@@ -463,7 +451,9 @@ def in_time(values: Floats, linked: Bools, fill: float = np.nan) -> Floats:
 
 
 def _autoregression(series: Floats) -> Floats | None:
-    """Coefficients of a series with gaps (NaN); None where it is no such noise."""
+    """Coefficients of a series with gaps (NaN), none of a white one; None where it is no such noise."""
+    if is_white(series):
+        return np.zeros(0)
     highest = min(_HIGHEST_ORDER, int(np.isfinite(series).sum()) // _SAMPLES_PER_LAG)
     coefficients = _of_order(_autocovariances(series, highest), int(np.isfinite(series).sum()))
     poles = np.roots(np.append(1.0, -coefficients))

@@ -62,21 +62,20 @@ def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
         diagnosis, beside = closer.diagnosis, "Held closer to the laws"
         change = likeliest_change(closer.fit, of.records, diagnosis.tested, diagnosis.causes)
         change = change if change is not None and closer.explains_most(change.gain) else None
-    return None if change is None else _with_change(before, change, beside)
-
-
-def _with_change(judgement: Judgement, change: Cause, beside: str) -> Judgement:
-    """The judgement without trust, since a coefficient changes; `beside` what laws lack, in words, if that shows it."""
-    explained = f"{beside}, one value" if beside else "One value"
+    if change is None:
+        return None
+    explained = (
+        f"{beside}, one value" if beside else "One value"
+    )  # beside what laws lack, in words, if that shows it
     return replace(
-        judgement,
+        before,
         verdict=Verdict.COEFFICIENT_CHANGES,
         message=(
             f"{explained} of {change.where} does not explain all of the record: {change.description} would lower -2 log "
             f"likelihood by {change.gain:.3g}, more than any missing term or error of a sensor. An interval would include "
             "neither value: identify the parts of the record before and after it by themselves."
         ),
-        diagnosis=(change, *judgement.diagnosis),
+        diagnosis=(change, *before.diagnosis),
         added={},
     )
 
@@ -85,14 +84,12 @@ def likeliest_change(
     fit: LikelihoodFit, records: Sequence[Record], tested: TestedCauses | None, causes: Sequence[Cause]
 ) -> Cause | None:
     """The change of a coefficient that explains much more than all `causes`; None where none is significant, or tested."""
-    if fit.random_forces or is_long(fit.segments) or fit.chi_square > _LARGEST:
+    large = is_long(fit.segments) or fit.chi_square > _LARGEST
+    if large or fit.random_forces or not isinstance(fit.optimum.loss, Gaussian):
         return None
-    if not isinstance(fit.optimum.loss, Gaussian):
-        return None
+    least = LIKELIER + max((cause.gain for cause in causes), default=0.0)
     change = _significant_change(fit, records, tested)
-    if change is None or change.gain < LIKELIER + max((cause.gain for cause in causes), default=0.0):
-        return None
-    return change
+    return change if change is not None and change.gain >= least else None
 
 
 def _changes(scores: BlockScores, known: Floats, parameters: int) -> tuple[Floats, Floats, Floats]:

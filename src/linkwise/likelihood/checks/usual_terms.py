@@ -48,7 +48,6 @@ from linkwise.likelihood.tests.score_test import (
     Hypothesis,
     Quadratic,
     linear_terms,
-    single_tests,
 )
 from linkwise.likelihood.tests.variances import free_of_bounds
 from linkwise.model.coefficient import MASS
@@ -107,7 +106,7 @@ def _added(
     order, added = np.arange(len(slope)), 0
     for position in range(p, p + min(at_most, len(hypotheses))):
         among = np.ix_(order, order)
-        gains = single_tests(curvature[among], slope[order], None, position).gains
+        gains = Quadratic(curvature[among], slope[order]).tests(position).gains
         beyond = np.where(np.isfinite(gains), gains, 0.0) / optimum.noise**2
         enough = beyond > least[order[position:] - p]
         if not enough.any():

@@ -36,7 +36,7 @@ from linkwise.likelihood.rigs.problem import RigProblem, cell_name, cell_noise
 from linkwise.likelihood.search import BlockScores
 from linkwise.likelihood.shooting.segmentation import require_same_channels
 from linkwise.likelihood.starts.memory import unit_sizes
-from linkwise.likelihood.tests.score_test import Hypothesis, single_tests
+from linkwise.likelihood.tests.score_test import Hypothesis, Quadratic
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport
@@ -343,7 +343,7 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
     weighted = np.column_stack([fit.weighted, fit.weights[:, None] * columns])
     scatter = fit.noise_of_sums(fit.weights[:, None] * weighted, fit.cells)
     curvature, slope = weighted.T @ weighted, weighted.T @ (fit.weights * fit.residuals)
-    tests = single_tests(curvature, slope, scatter, f)
+    tests = Quadratic(curvature, slope, scatter).tests(f)
     of_laws = np.flatnonzero(fit.free) < len(fit.problem.parameters)
     deviations = fit.standard_errors[fit.free][of_laws]
     determined = deviations > 0.0

@@ -532,10 +532,21 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
         if not (beyond and _is_small(hypothesis, relative, sample)):
             continue
         forces = forces or link_forces(optimum, tested.structure)
-        force = forces.get(hypothesis.where, 0.0)
-        cause = _cause(hypothesis, size, float(deviations[number]), force)
-        remark, unit = _remark(hypothesis, size, optimum, sample), unit_of(hypothesis, tested.structure)
-        cause = replace(cause, gain=float(gains[number]), unit=unit, remark=remark)
+        force = forces.get(hypothesis.where, 0.0) if hypothesis.term else 0.0
+        of_frequency = hypothesis.kind == "frequency"  # half the relative error of a stiffness
+        scale = 0.5 / force if of_frequency and force > 0.0 else 1.0
+        cause = Cause(
+            kind=hypothesis.kind,
+            where=hypothesis.where,
+            size=scale * size,
+            unit=unit_of(hypothesis, tested.structure),
+            gain=float(gains[number]),
+            standard_error=scale * float(deviations[number]),
+            term="" if of_frequency else hypothesis.term,
+            source=hypothesis.source,
+            share=abs(scale * size) / force if force > 0.0 else 0.0,
+            remark=_remark(hypothesis, size, optimum, sample),
+        )
         cause = _with_changes(cause, fit, tests.changes[:, number])
         if cause.gain > limit or cause.shift > _SHIFTED:
             causes.append(cause)
@@ -583,24 +594,6 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum, sample: float
     if hypothesis.term in MEMORY_TERMS:
         return f"which laws with memory have, such as {MEMORY_TERMS[hypothesis.term]}"
     return ""
-
-
-def _cause(hypothesis: Hypothesis, size: float, deviation: float, of_link: float) -> Cause:
-    """The cause of a size, a term relative to the force `of_link`; an error of a stiffness as that of a frequency."""
-    of_frequency = hypothesis.kind == "frequency"
-    force = of_link if hypothesis.term else 0.0
-    scale = 0.5 / force if of_frequency and force > 0.0 else 1.0
-    return Cause(
-        kind=hypothesis.kind,
-        where=hypothesis.where,
-        size=scale * size,
-        unit=hypothesis.unit,
-        gain=0.0,
-        standard_error=scale * deviation,
-        term="" if of_frequency else hypothesis.term,
-        source=hypothesis.source,
-        share=abs(scale * size) / force if force > 0.0 else 0.0,
-    )
 
 
 def link_forces(optimum: Optimum, structure: Structure) -> dict[str, float]:

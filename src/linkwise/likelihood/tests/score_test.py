@@ -2,7 +2,7 @@
 
 The Gauss-Newton model of the cost is augmented by one column for each force or error, without a new search. It predicts the
 reduction of the cost by any of them and the change of the parameters, for hundreds of columns at the cost of one step of the
-fit: `Quadratic` is that model, `single_tests` what each column alone would do.
+fit: `Quadratic` is that model, its `tests` what each column alone would do.
 
 Hypotheses are terms of links and links of a structure that a fit may lack, among them forces with memory along the motion:
 what a law of displacement and velocity lacks where a joint slips or a mount relaxes. Where random forces act, the score of a
@@ -175,51 +175,6 @@ class SingleTests:
     finite: Bools
 
 
-def single_tests(curvature: Floats, slope: Floats, scatter: Floats | None, parameters: int) -> SingleTests:
-    """Test the columns that follow the `parameters`.
-
-    `scatter` is the covariance of the slope, None where that is the curvature, as of white noise. A column of which the
-    coefficients, or unknowns that were eliminated, leave nothing but rounding gains nothing, nor does one that is not finite.
-    Raises numpy.linalg.LinAlgError where the equations of the parameters are not finite.
-    """
-    own, added = slice(0, parameters), slice(parameters, None)
-    finite = np.isfinite(slope[added])
-    for matrix in (curvature,) if scatter is None else (curvature, scatter):
-        finite &= np.isfinite(matrix[own, added]).all(axis=0) & np.isfinite(matrix.diagonal()[added])
-    if not finite.all():
-        within = np.append(np.ones(parameters, dtype=bool), finite)
-        curvature, slope = _without(curvature, within), np.where(within, slope, 0.0)
-        scatter = None if scatter is None else _without(scatter, within)
-    scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
-    scaled, gradient = curvature / np.outer(scale, scale), slope / scale
-    # LAPACK may never return from what is not finite
-    if not (np.isfinite(scaled[own]).all() and np.isfinite(gradient).all()):
-        raise np.linalg.LinAlgError("the equations of the parameters are not finite")
-    projection = np.linalg.lstsq(
-        scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=_SINGULAR
-    )[0]
-    left = scaled[added, added].diagonal() - np.einsum("ij,ij->j", scaled[own, added], projection[:, :-1])
-    score = gradient[added] - scaled[added, own] @ projection[:, -1]
-    tested = left > _COLLINEAR
-    left = np.where(tested, left, 1.0)
-    variance = left
-    if scatter is not None:
-        of_slope = scatter / np.outer(scale, scale)
-        coupled = np.einsum("ji,ji->i", projection[:, :-1], of_slope[own, added])
-        followed = np.einsum("ji,jk,ki->i", projection[:, :-1], of_slope[own, own], projection[:, :-1])
-        variance = of_slope[added, added].diagonal() - 2.0 * coupled + followed
-        tested &= variance > _ROUNDED * left
-        variance = np.where(tested, variance, 1.0)
-    sizes = score / left
-    return SingleTests(
-        np.where(tested, score**2 / variance, 0.0),
-        sizes / scale[added],
-        np.sqrt(variance) / left / scale[added],
-        -projection[:, :-1] * sizes / scale[own, None],
-        finite,
-    )
-
-
 def _without(matrix: Floats, within: Bools) -> Floats:
     """The matrix with zeros in the rows and columns that are not `within`."""
     return np.where(within[:, np.newaxis] & within, matrix, 0.0)
@@ -283,8 +238,48 @@ class Quadratic:
         return Quadratic(curvature, slope, None if self.scatter is None else self.scatter / scale)
 
     def tests(self, parameters: int) -> SingleTests:
-        """The tests of what follows so many parameters."""
-        return single_tests(self.curvature, self.slope, self.scatter, parameters)
+        """The tests of the columns that follow so many parameters.
+
+        A column of which the coefficients, or unknowns that were eliminated, leave nothing but rounding gains nothing, nor
+        does one that is not finite. Raises numpy.linalg.LinAlgError where the equations of the parameters are not finite.
+        """
+        curvature, slope, scatter = self.curvature, self.slope, self.scatter
+        own, added = slice(0, parameters), slice(parameters, None)
+        finite = np.isfinite(slope[added])
+        for matrix in (curvature,) if scatter is None else (curvature, scatter):
+            finite &= np.isfinite(matrix[own, added]).all(axis=0) & np.isfinite(matrix.diagonal()[added])
+        if not finite.all():
+            within = np.append(np.ones(parameters, dtype=bool), finite)
+            curvature, slope = _without(curvature, within), np.where(within, slope, 0.0)
+            scatter = None if scatter is None else _without(scatter, within)
+        scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
+        scaled, gradient = curvature / np.outer(scale, scale), slope / scale
+        # LAPACK may never return from what is not finite
+        if not (np.isfinite(scaled[own]).all() and np.isfinite(gradient).all()):
+            raise np.linalg.LinAlgError("the equations of the parameters are not finite")
+        projection = np.linalg.lstsq(
+            scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=_SINGULAR
+        )[0]
+        left = scaled[added, added].diagonal() - np.einsum("ij,ij->j", scaled[own, added], projection[:, :-1])
+        score = gradient[added] - scaled[added, own] @ projection[:, -1]
+        tested = left > _COLLINEAR
+        left = np.where(tested, left, 1.0)
+        variance = left
+        if scatter is not None:
+            of_slope = scatter / np.outer(scale, scale)
+            coupled = np.einsum("ji,ji->i", projection[:, :-1], of_slope[own, added])
+            followed = np.einsum("ji,jk,ki->i", projection[:, :-1], of_slope[own, own], projection[:, :-1])
+            variance = of_slope[added, added].diagonal() - 2.0 * coupled + followed
+            tested &= variance > _ROUNDED * left
+            variance = np.where(tested, variance, 1.0)
+        sizes = score / left
+        return SingleTests(
+            np.where(tested, score**2 / variance, 0.0),
+            sizes / scale[added],
+            np.sqrt(variance) / left / scale[added],
+            -projection[:, :-1] * sizes / scale[own, None],
+            finite,
+        )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
