@@ -507,7 +507,7 @@ def starting_values(
     """
     records = framed_records(records, structure, integrated=True)
     given = dict(given or {})
-    priors = {
+    priors: dict[str, tuple[float, float]] = {
         p.name: (p.start or 0.0, p.sigma)
         for p in structure.parameters
         if p.sigma < np.inf and p.name not in given
