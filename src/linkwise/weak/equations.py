@@ -9,7 +9,7 @@ window, is a sum of known functions of the record, each multiplied by one number
     m_i int phi'' x_i  +  sum_l B_il sum_a c_a int kernel_a h_a(d_l)  -  int phi w_i  =  0
 
 The terms of the links (`LawTerms`) come first, those of inertia and applied forces follow. A term enters the equations of the
-masses at both ends of its link with opposite signs, and the bias of products of terms (`PatchContext._bias`; Fuller,
+masses at both ends of its link with opposite signs, and the bias of products of terms (`WeakEquations._bias`; Fuller,
 Measurement Error Models, 1987) does not depend on the mass, so a patch of masses needs one set of products.
 """
 
@@ -23,7 +23,7 @@ from itertools import repeat
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.model.coefficient import MASS
 from linkwise.model.structure import Structure
@@ -57,7 +57,7 @@ class Patch:
     valid : array of shape (R,)
         1 for windows without a missing sample, 0 for others.
     slopes : array of shape (q, K)
-        Slopes of the terms with respect to d at the centre of every `PatchContext.slope_stride`-th window.
+        Slopes of the terms with respect to d at the centre of every `WeakEquations.slope_stride`-th window.
     """
 
     layout: PatchLayout
@@ -67,16 +67,6 @@ class Patch:
     moments: Floats
     valid: Floats
     slopes: Floats
-
-    @property
-    def masses(self) -> Indices:
-        """(m,) indices of the masses."""
-        return self.layout.masses
-
-    @property
-    def signs(self) -> Floats:
-        """(m, q) signs of the terms in the equations."""
-        return self.layout.signs
 
     @property
     def windows(self) -> float:
@@ -89,16 +79,17 @@ class Patch:
 
     def residual(self, values: Floats) -> Floats:
         """(m, R) residuals of the equations with parameters `values` (p,), in units of the rows."""
-        return np.asarray((self.signs * self.numbers(values)) @ self.rows)
+        return np.asarray((self.layout.signs * self.numbers(values)) @ self.rows)
 
     def largest(self, numbers: Floats | float = 1.0) -> Floats:
         """(m,) sums of squares of the largest term of each mass, with coefficients `numbers` (q,) or 1."""
-        return np.asarray(np.max(np.abs(self.signs) * self.products.diagonal() * np.square(numbers), axis=1))
+        sizes = self.products.diagonal() * np.square(numbers)
+        return np.asarray(np.max(np.abs(self.layout.signs) * sizes, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
-class PatchContext:
-    """Data that all patches of a record share.
+class WeakEquations:
+    """All weak equations of one record, and the smoothed motion in their windows.
 
     Attributes
     ----------
@@ -112,14 +103,20 @@ class PatchContext:
         The test functions.
     rate_window : Window
         What smooths the rates that laws act by.
-    filtered : array of shape (K, n + 2, R)
+    smooth : array of shape (K, n + 2, R)
         Displacements of masses, base and ground under the kernels.
-    forces : mapping of int to array of shape (R,)
-        Negative applied forces under phi, by mass.
-    slope_stride : int
-        Stride in windows of `Patch.slopes`.
-    signals : mapping of str to array of shape (N,)
-        Recorded signals that laws name.
+    filtered : array of shape (K, n + 2, R)
+        The same with the acceleration of the coordinates in that of masses that are parameters.
+    applied : mapping of int to array of shape (N,)
+        Applied forces by mass.
+    recorded : mapping of str to array of shape (N,)
+        Signals that laws name.
+    time : array of shape (R,)
+        Centres of the windows in s.
+    thinning : int
+        Stride in windows of the sums that give the covariance.
+    only : collection of int or None
+        The masses and modes whose equations are wanted; None for all.
     """
 
     structure_layout: StructureLayout
@@ -127,10 +124,115 @@ class PatchContext:
     motion: MeasuredDisplacements
     window: Window
     rate_window: Window
+    smooth: Floats
     filtered: Floats
-    forces: Mapping[int, Floats]
-    slope_stride: int
-    signals: Mapping[str, Floats]
+    applied: Mapping[int, Floats]
+    recorded: Mapping[str, Floats]
+    time: Floats
+    thinning: int
+    only: Collection[int] | None
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The names of the parameters."""
+        return self.structure_layout.names
+
+    def by_name(self, values: Floats) -> dict[str, float]:
+        """Values (p,) of the parameters by their names."""
+        return dict(zip(self.parameters, map(float, values), strict=True))
+
+    @property
+    def windows(self) -> int:
+        """Number of windows R."""
+        return len(self.time)
+
+    @cached_property
+    def points(self) -> Indices:
+        """(P,) the windows next to the points of `Window.adjoint`, over which sums over time go."""
+        return self.window.adjoint_windows(self.windows, self.thinning)
+
+    @property
+    def inside(self) -> slice:
+        """Where the points between the first and the last centre are."""
+        return slice(0, len(self.points) - 2 * self.window.half)
+
+    @property
+    def slope_stride(self) -> int:
+        """Stride in windows of `Patch.slopes`."""
+        return _SLOPE_THINNING * self.thinning
+
+    @cached_property
+    def displacements(self) -> Floats:
+        """(n + 2, R) displacements: averages without bias to third order: that of a curve under phi is biased by half its
+        curvature times the second moment of phi.
+        """
+        time = self.window.step * np.arange(-self.window.half, self.window.half + 1)
+        phi, area = self.window.kernels[PHI], self.window.area
+        return np.asarray((self.smooth[PHI] - 0.5 * (phi @ time**2 / area) * self.smooth[PHI_2]) / area)
+
+    @cached_property
+    def d(self) -> Floats:
+        """(E, R) smoothed elongations in m, of links and then of what elements of states read."""
+        return self.structure_layout.elongations(
+            self.displacements, range(len(self.structure_layout.elements))
+        )
+
+    @cached_property
+    def v(self) -> Floats:
+        """(E, R) their rates in m/s."""
+        rates = -self.smooth[PHI_1] / self.window.area
+        return self.structure_layout.elongations(rates, range(len(self.structure_layout.elements)))
+
+    @property
+    def states(self) -> Floats:
+        """(S, R) smoothed states of links."""
+        return self.displacements[self.structure_layout.structure.size : -2]
+
+    @property
+    def acceleration(self) -> Floats:
+        """(n + S, R) smoothed accelerations in m/s^2 of masses and modes, and second derivatives of states."""
+        return self.smooth[PHI_2, :-2] / self.window.area
+
+    @cached_property
+    def signals(self) -> dict[str, Floats]:
+        """(R,) smoothed signals that laws name."""
+        return {name: self.window.sums(signal) / self.window.area for name, signal in self.recorded.items()}
+
+    @cached_property
+    def patches(self) -> tuple[Patch, ...]:
+        """The equations; IdentificationError where a parameter lacks a start."""
+        patches: list[Patch] = []
+        for valid, masses in self.masses_by_windows:
+            wanted = [mass for mass in masses if self.only is None or mass in self.only]
+            firsts = range(0, len(wanted), _PATCH)
+            patches += [self.patch(wanted[first : first + _PATCH], valid) for first in firsts]
+        return tuple(patches)
+
+    @cached_property
+    def masses_by_windows(self) -> list[tuple[Floats, list[int]]]:
+        """Masses whose displacement and those of all their neighbours were measured, with the weights (R,) of their windows.
+
+        Masses in one list lack the same windows, and either each of their equations has a parameter or none has.
+        """
+        layout = self.structure_layout
+        measured = [*self.motion.measured.tolist(), bool(self.motion.has_channel[-2])]
+        whole = np.ones(len(self.time))
+        by_windows: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
+        for mass, nodes in enumerate(layout.neighbourhoods):
+            if all(measured[node] for node in nodes):
+                near = [node for node in nodes if node < layout.equations]
+                laws = [layout.elements[number].law for number in layout.elements_at[mass]]
+                known = [self.recorded[name] for law in laws for name in law.signals]
+                known += [self.applied[mass]] if mass in self.applied else []
+                missing = np.any([*self.motion.missing[near], *map(np.isnan, known)], axis=0)
+                if (
+                    mass in layout.masses_needing_rate
+                ):  # v is unknown where a window lacks a sample, or leaves the record
+                    missing = maximum_filter1d(missing, self.rate_window.length, mode="constant", cval=True)
+                valid = self.window.whole(missing) if missing.any() else whole
+                key = (valid.tobytes(), mass in layout.masses_with_parameters)
+                by_windows.setdefault(key, (valid, []))[1].append(mass)
+        return list(by_windows.values())
 
     @cached_property
     def elongation_variance(self) -> Floats:
@@ -144,7 +246,7 @@ class PatchContext:
 
     def patch(self, masses: Sequence[int], valid: Floats) -> Patch:
         """The equations of m masses by number, in windows with weights `valid` (R,)."""
-        layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.forces))
+        layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.applied))
         evaluated, slope = self._evaluated(layout)
         rows = self._rows(layout, evaluated)
         if not valid.all():
@@ -229,7 +331,7 @@ class PatchContext:
             inside = {
                 name: group.coefficients[name].at(self.values)[:, None]
                 if name in group.coefficients
-                else self.signals[name]
+                else self.recorded[name]
                 for name in law.inside
             }
             self._require_starts(group, inside)
@@ -281,7 +383,7 @@ class PatchContext:
         forces = len(rows) - len(layout.forced)
         rows[forces - len(layout.masses) : forces] = self.filtered[PHI_2, layout.masses]
         for row, mass in enumerate(layout.forced, start=forces):
-            rows[row] = self.forces[mass]
+            rows[row] = -self.window.sums(self.applied[mass])
         return rows
 
     def _slopes(self, layout: PatchLayout, constant: Floats, evaluated: Sequence[LawTerms]) -> Floats:
@@ -334,74 +436,6 @@ _MAX_THINNING = 2
 _SLOPE_THINNING = 4  # the slopes in products of noise with itself vary more slowly
 
 
-@dataclass(frozen=True, eq=False)
-class WeakEquations:
-    """All weak equations of one record, and the smoothed motion in their windows.
-
-    Attributes
-    ----------
-    context : PatchContext
-        What the patches share.
-    structure_layout : StructureLayout
-        Layout of the structure.
-    window : Window
-        The test functions.
-    motion : MeasuredDisplacements
-        Displacements and their noise.
-    patches : tuple of Patch
-        The equations.
-    thinning : int
-        Stride in windows of the sums that give the covariance.
-    d, v : array of shape (E, R)
-        Smoothed elongations in m and their rates in m/s, of links and then of what elements of states read, at R windows.
-    states : array of shape (S, R)
-        Smoothed states of links.
-    signals : mapping of str to array of shape (R,)
-        Smoothed signals that laws name.
-    acceleration : array of shape (n + S, R)
-        Smoothed accelerations in m/s^2 of masses and modes, and second derivatives of states.
-    time : array of shape (R,)
-        Centres of the windows in s.
-    """
-
-    context: PatchContext
-    structure_layout: StructureLayout
-    window: Window
-    motion: MeasuredDisplacements
-    patches: tuple[Patch, ...]
-    thinning: int
-    d: Floats
-    v: Floats
-    states: Floats
-    signals: Mapping[str, Floats]
-    acceleration: Floats
-    time: Floats
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The names of the parameters."""
-        return self.structure_layout.names
-
-    def by_name(self, values: Floats) -> dict[str, float]:
-        """Values (p,) of the parameters by their names."""
-        return dict(zip(self.parameters, map(float, values), strict=True))
-
-    @property
-    def windows(self) -> int:
-        """Number of windows R."""
-        return len(self.time)
-
-    @cached_property
-    def points(self) -> Indices:
-        """(P,) the windows next to the points of `Window.adjoint`, over which sums over time go."""
-        return self.window.adjoint_windows(self.windows, self.thinning)
-
-    @property
-    def inside(self) -> slice:
-        """Where the points between the first and the last centre are."""
-        return slice(0, len(self.points) - 2 * self.window.half)
-
-
 def weak_equations(
     record: Record,
     structure: Structure,
@@ -452,40 +486,27 @@ def weak_equations(
     thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING) if rate_window is None else 1
     applied = _applied(record, structure)
     smooth = window.filter(motion.displacements, window.kernels)
-    signals = {name: _at_samples(record, f"signal:{name}") for name in structure.signals}
-    total = _with_frame(smooth, applied, frame_acceleration(record), layout, window)
-    context = PatchContext(
+    equations = WeakEquations(
         structure_layout=layout,
         values=layout.values(values or {}),
         motion=motion,
         window=window,
         rate_window=rate_window or window,
-        filtered=total,
-        forces={
-            mass: -window.filter(np.nan_to_num(force)[None], window.kernels[:1])[0, 0]
-            for mass, force in applied.items()
-        },
-        slope_stride=_SLOPE_THINNING * thinning,
-        signals=signals,
-    )
-    area, displaced = window.kernels[PHI].sum(), _displacements(smooth, window)
-    return WeakEquations(
-        context=context,
-        structure_layout=layout,
-        window=window,
-        motion=motion,
-        patches=_patches(context, applied, only),
-        thinning=thinning,
-        d=layout.elongations(displaced, range(len(layout.elements))),
-        v=layout.elongations(-smooth[PHI_1] / area, range(len(layout.elements))),
-        states=displaced[structure.size : layout.equations],
-        signals={
-            name: window.filter(np.nan_to_num(signal)[None], window.kernels[:1])[0, 0] / area
-            for name, signal in signals.items()
-        },
-        acceleration=smooth[PHI_2, :-2] / area,
+        smooth=smooth,
+        filtered=_with_frame(smooth, applied, frame_acceleration(record), layout, window),
+        applied=applied,
+        recorded={name: _at_samples(record, f"signal:{name}") for name in structure.signals},
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,
+        thinning=thinning,
+        only=only,
     )
+    valid = [weights.sum() for weights, _ in equations.masses_by_windows]
+    if valid and max(valid) < MIN_WINDOWS:
+        raise IdentificationError(
+            f"too many samples are missing: no mass has {MIN_WINDOWS} complete windows of {window.length} samples; fill "
+            "single gaps first, keep the samples that all sensors have, or record again"
+        )
+    return equations
 
 
 def _applied(record: Record, structure: Structure) -> dict[int, Floats]:
@@ -520,76 +541,11 @@ def _with_frame(
         return smooth
     total, masses = smooth.copy(), layout.structure.masses
     for index in (index for index in range(len(masses)) if (-1 - index, MASS) in layout.parameter_index):
-        total[PHI_2, index] += window.filter(acceleration[None], window.kernels[:1])[0, 0]
+        total[PHI_2, index] += window.sums(acceleration)
         applied[index] = applied[index] + (masses[index].mass.value or 0.0) * acceleration
         if not applied[index].any():
             del applied[index]
     return total
-
-
-def _displacements(smooth: Floats, window: Window) -> Floats:
-    """(n + 2, R) displacements from their sums (3, n + 2, R) under phi, phi', phi'': averages without
-    bias to third order: that of a curve under phi is biased by half its curvature times the second moment of phi.
-    """
-    time = window.step * np.arange(-window.half, window.half + 1)
-    phi = window.kernels[PHI]
-    return np.asarray((smooth[PHI] - 0.5 * (phi @ time**2 / phi.sum()) * smooth[PHI_2]) / phi.sum())
-
-
-def _patches(
-    context: PatchContext, applied: dict[int, Floats], only: Collection[int] | None
-) -> tuple[Patch, ...]:
-    """Patches of the masses, `only` some, whose displacement and those of all their neighbours were measured.
-
-    Masses in one patch lack the same windows, and either each of their equations has a parameter or none has.
-    """
-    layout = context.structure_layout
-    measured = [*context.motion.measured.tolist(), bool(context.motion.has_channel[-2])]
-    whole = np.ones(context.filtered.shape[2])
-    by_windows: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
-    for mass, nodes in enumerate(layout.neighbourhoods):
-        if all(measured[node] for node in nodes):
-            near = [node for node in nodes if node < layout.equations]
-            laws = [layout.elements[number].law for number in layout.elements_at[mass]]
-            known = [context.signals[name] for law in laws for name in law.signals]
-            known += [applied[mass]] if mass in applied else []
-            missing = _missing(context.motion, near, known)
-            if mass in layout.masses_needing_rate:
-                missing = _missing_rate(missing, context)
-            valid = _valid(missing, context.window) if missing.any() else whole
-            key = (valid.tobytes(), mass in layout.masses_with_parameters)
-            by_windows.setdefault(key, (valid, []))[1].append(mass)
-    _require_whole_windows([valid for valid, _ in by_windows.values()], context.window)
-    patches: list[Patch] = []
-    for valid, masses in by_windows.values():
-        wanted = [mass for mass in masses if only is None or mass in only]
-        firsts = range(0, len(wanted), _PATCH)
-        patches += [context.patch(wanted[first : first + _PATCH], valid) for first in firsts]
-    return tuple(patches)
-
-
-def _missing(motion: MeasuredDisplacements, masses: list[int], known: Sequence[Floats]) -> Bools:
-    """(N,) True where a sample of `masses`, or of a force or signal that is `known` (N,), is missing."""
-    return np.asarray(np.any([*motion.missing[masses], *map(np.isnan, known)], axis=0))
-
-
-def _missing_rate(missing: Bools, context: PatchContext) -> Bools:
-    """(N,) True where v is unknown: a window around the sample lacks one or extends past the record."""
-    return np.asarray(maximum_filter1d(missing, context.rate_window.length, mode="constant", cval=True))
-
-
-def _valid(missing: Bools, window: Window) -> Floats:
-    """(R,) 1 for windows without a missing sample, 0 for others."""
-    count = window.filter(missing[None].astype(float), np.ones((1, window.length)))[0, 0]
-    return np.asarray(count < 0.5, dtype=float)
-
-
-def _require_whole_windows(valid: list[Floats], window: Window) -> None:
-    if valid and max(weights.sum() for weights in valid) < MIN_WINDOWS:
-        raise IdentificationError(
-            f"too many samples are missing: no mass has {MIN_WINDOWS} complete windows of {window.length} samples; fill "
-            "single gaps first, keep the samples that all sensors have, or record again"
-        )
 
 
 def weak_residual(equations: WeakEquations, values: Floats) -> Floats:
@@ -598,8 +554,7 @@ def weak_residual(equations: WeakEquations, values: Floats) -> Floats:
     They are NaN for masses without an equation and windows with missing samples.
     """
     residual = np.full(equations.acceleration.T.shape, np.nan)
-    area = np.abs(equations.window.kernels[PHI]).sum()
     for patch in equations.patches:
-        total = np.where(patch.valid > 0.0, patch.residual(values) / area, np.nan)
-        residual[:, patch.masses] = total.T
+        total = np.where(patch.valid > 0.0, patch.residual(values) / equations.window.area, np.nan)
+        residual[:, patch.layout.masses] = total.T
     return residual

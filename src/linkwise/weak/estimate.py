@@ -105,7 +105,7 @@ def _forbidden(
             f"{np.sqrt(equations.motion.surplus):.3g} times their noise: a shape, a place or the "
             "sign of a sensor is wrong, modes that were left out move, or the noise is larger than stated."
         )
-    lowest, highest = _limits(sum(len(patch.masses) * patch.windows for patch in equations.patches))
+    lowest, highest = _limits(sum(len(patch.layout.masses) * patch.windows for patch in equations.patches))
     times = f"{np.sqrt(fit.excess):.3g} times"
     if not fit.excess < highest:
         larger = ", or larger than stated" if record.noise else ""
@@ -188,7 +188,7 @@ def _model_error(equations: WeakEquations, fit: WeakFit) -> float:
     shares = [
         np.sqrt(np.nanmean(residual[:, mass] ** 2) / np.mean(equations.acceleration[mass] ** 2)) / kilograms
         for patch in equations.patches
-        for mass, kilograms in zip(patch.masses, patch.layout.inertia.at(fit.values), strict=True)
+        for mass, kilograms in zip(patch.layout.masses, patch.layout.inertia.at(fit.values), strict=True)
         if kilograms
     ]
     return float(max(shares) * np.sqrt(1.0 - 1.0 / fit.excess))
@@ -494,7 +494,7 @@ def _with_smoothing(record: Record, structure: Structure, equations: WeakEquatio
 def _change(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> Floats:
     """(p,) change of the parameters as rates are smoothed more, to first order, in windows that both smoothings leave."""
     window, count = equations.window, len(fit.values)
-    rate_window = equations.context.rate_window
+    rate_window = equations.rate_window
     wide = weak_equations(
         record,
         structure,
@@ -503,14 +503,16 @@ def _change(record: Record, structure: Structure, equations: WeakEquations, fit:
         rate_window=Window.of_deviation(_WIDER * rate_window.half / sqrt(2 * ORDER + 3), window.step),
         values=equations.by_name(fit.values),
     )
-    valid = {mass: patch.valid for patch in wide.patches for mass in patch.masses.tolist()}
+    valid = {mass: patch.valid for patch in wide.patches for mass in patch.layout.masses.tolist()}
     patches = [patch for patch in equations.patches if len(patch.layout.free_terms)]
     weights = [1.0 / residual_power(patch, fit.values) for patch in patches]
     left = []
-    for context in (equations.context, wide.context):
+    for system in (equations, wide):
         shared = [
-            context.patch(masses, np.min([patch.valid, *(valid[mass] for mass in masses)], axis=0))
-            for patch, masses in zip(patches, (patch.masses.tolist() for patch in patches), strict=True)
+            system.patch(masses, np.min([patch.valid, *(valid[mass] for mass in masses)], axis=0))
+            for patch, masses in zip(
+                patches, (patch.layout.masses.tolist() for patch in patches), strict=True
+            )
         ]
         normal, right = normal_equations(shared, weights, count)
         left.append(right - normal @ fit.values)
@@ -546,7 +548,7 @@ def _force_residual(equations: WeakEquations, values: Floats) -> Floats:
 def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:
     """(L, 2) ranges in m, from the samples: averages over windows would cut the peaks."""
     layout, ranges = equations.structure_layout, []
-    deviation = np.sqrt(equations.context.floored_elongation_variance)
+    deviation = np.sqrt(equations.floored_elongation_variance)
     for link in range(len(layout.structure.links)):
         d = layout.elongations(motion.displacements, [link])
         nodes = [node for node, _ in layout.elements[link].reading if node < layout.equations]

@@ -74,7 +74,7 @@ class NoisyPatch:
     def of(cls, patch: Patch, system: WeakEquations, values: Floats) -> NoisyPatch:
         """The patch with the slopes of its laws at the parameters `values` (p,)."""
         layout, windows = patch.layout, system.points
-        deviation = np.sqrt(0.5 * system.context.floored_elongation_variance[layout.links])
+        deviation = np.sqrt(0.5 * system.floored_elongation_variance[layout.links])
         mean, square = np.empty((2, 2, len(layout.links), len(windows)))
         for group in layout.groups:
             program, constant = _slopes(group.weak_law.law)
@@ -195,16 +195,16 @@ def _quadratic_noise(noisy: NoisyPatch, weight: Floats) -> Floats:
     negative.
     """
     patch, system, layout = noisy.patch, noisy.system, noisy.patch.layout
-    window, stride = system.window, system.context.slope_stride
+    window, stride = system.window, system.slope_stride
     at = np.flatnonzero(system.points[system.inside] % stride == 0)
     through = _own_noise(patch, system, layout.link_incidence, layout.readings)
     weights = noisy.under_kernels(through, noisy.masses, noisy.mean[:, :, at])
     shape = weights[PHI].shape
     kernels = np.reshape(weights, (len(weights), -1))
     slopes = patch.slopes[:, system.points[at] // stride]
-    variance = system.motion.covariance(patch.masses, floored=True).diagonal()
+    variance = system.motion.covariance(patch.layout.masses, floored=True).diagonal()
     amount = stride * (weight * variance) ** 2
-    acting = _own_noise(patch, system, patch.signs, layout.incidence)
+    acting = _own_noise(patch, system, patch.layout.signs, layout.incidence)
     total, terms = np.zeros(patch.products.shape), layout.free_terms_by_kernel
     for row, column in _CORRELATED:
         first, second = terms[row], terms[column]
@@ -224,7 +224,7 @@ def _own_noise(patch: Patch, system: WeakEquations, signs: Floats, incidence: Fl
     `signs` (m, k) are those of the terms in the equations, `incidence` (k, c) the weights of the nodes in what they read. 1
     for each term in the equation of a mass.
     """
-    own = np.searchsorted(patch.layout.nodes, patch.masses)
+    own = np.searchsorted(patch.layout.nodes, patch.layout.masses)
     covariance = system.motion.covariance(patch.layout.nodes, floored=True)
     variance = np.maximum(covariance[own, own], np.finfo(float).tiny)
     return np.asarray(signs * (incidence @ covariance[:, own] / variance).T)
@@ -326,7 +326,7 @@ def _require_informed(system: WeakEquations, structure: Structure) -> None:
 def residual_power(patch: Patch, values: Floats) -> Floats:
     """(m,) mean squares of the residuals of each mass with parameters `values` (p,), at least those of rounding."""
     numbers = patch.numbers(values)
-    signed = patch.signs * numbers
+    signed = patch.layout.signs * numbers
     sums = np.maximum(((signed @ patch.products) * signed).sum(axis=1), 0.0)
     power = (sums + FLOOR * patch.largest(numbers)) / max(patch.windows, 1.0)
     return np.where(power > 0.0, power, 1.0)
@@ -352,7 +352,7 @@ def normal_blocks(
     blocks = []
     for patch, weight in zip(patches, weights, strict=True):
         moments = patch.moments if bias == 0.0 else (1.0 - bias) * patch.moments + bias * patch.products
-        weighted = moments * ((patch.signs.T * weight) @ patch.signs)
+        weighted = moments * ((patch.layout.signs.T * weight) @ patch.layout.signs)
         free_rows, which = weighted[patch.layout.free_terms], patch.layout.free_parameters
         g -= np.bincount(which, free_rows @ patch.fixed, count)
         blocks.append((which, free_rows[:, patch.layout.free_terms]))

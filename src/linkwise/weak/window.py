@@ -15,7 +15,7 @@ from math import ceil, pi, sqrt
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.weak.weak_form import PHI, PHI_2
 
 ORDER = 8
@@ -113,6 +113,20 @@ class Window:
         """(Q, S, R) sums of kernels (Q, T) times signals (S, N) over the samples of every window."""
         windows = sliding_window_view(signals, kernels.shape[1], axis=1)[:, :: self.stride]
         return np.stack([kernels @ np.ascontiguousarray(own).T for own in windows], axis=1)
+
+    def sums(self, signal: Floats) -> Floats:
+        """(R,) sums of phi times a signal (N,), 0 where it is missing."""
+        return np.asarray(self.filter(np.nan_to_num(signal)[None], self.kernels[:1])[0, 0])
+
+    @property
+    def area(self) -> float:
+        """Sum of phi."""
+        return float(self.kernels[PHI].sum())
+
+    def whole(self, missing: Bools) -> Floats:
+        """(R,) 1 for windows without a sample that is `missing` (N,), 0 for others."""
+        count = self.filter(missing[None].astype(float), np.ones((1, self.length)))[0, 0]
+        return np.asarray(count < 0.5, dtype=float)
 
     @cached_property
     def cross_correlations(self) -> Floats:

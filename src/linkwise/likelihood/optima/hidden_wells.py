@@ -10,7 +10,7 @@ that noise hides how the link bends: then its coefficients are hardly known, and
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -33,15 +33,6 @@ _GRID = 161  # places on either side, at equal ratios
 _ROUNDS = 4  # of finer grids
 _APART = 4.0  # standard errors beyond which values are others
 _CERTAIN = 10.0  # standard errors: laws whose coefficients are known that well leave no doubt about the place of rest
-
-
-@dataclass(frozen=True)
-class _HiddenLink:
-    """A link by its `number`, which alone holds the mass of number `coordinate`; `sign` is its row of B."""
-
-    number: int
-    coordinate: int
-    sign: float
 
 
 def fit_about_rest(
@@ -78,10 +69,10 @@ def fit_about_rest(
     if not hidden or (first is not None and _leaves_no_doubt(first, structure, hidden)):
         return None
     centred = structure
-    for link in hidden:
-        centred = _centred(centred, link.number)
+    for number in hidden:
+        centred = _centred(centred, number)
     shared = {p.name for p in structure.parameters} & {p.name for p in centred.parameters}
-    freed = {f"{structure.links[link.number].name}." for link in hidden}
+    freed = {f"{structure.links[number].name}." for number in hidden}
     stated = {
         name: value
         for name, value in (given or {}).items()
@@ -127,11 +118,11 @@ def about_another_rest(fit: LikelihoodFit) -> str:
     )
 
 
-def _hidden_links(structure: Structure, channels: Sequence[Channel]) -> tuple[_HiddenLink, ...]:
-    """Links that bend and alone hold a mass whose displacement no channel shows."""
+def _hidden_links(structure: Structure, channels: Sequence[Channel]) -> dict[int, int]:
+    """Links that bend and alone hold a mass whose displacement no channel shows, with the coordinate of that, by number."""
     incidence = structure.incidence.toarray()
     shown = {channel.place for channel in channels if channel.kind == "x"}
-    hidden = []
+    hidden = {}
     for coordinate, name in enumerate(structure.mass_names):
         numbers = np.flatnonzero(incidence[coordinate])
         if name in structure.modes or name in shown or len(numbers) != 1:
@@ -141,16 +132,15 @@ def _hidden_links(structure: Structure, channels: Sequence[Channel]) -> tuple[_H
         if BASE in link.between or not link.law.is_plain:
             continue
         if "d" in symbols(differentiate(link.law.expression, "d")):
-            hidden.append(_HiddenLink(number, coordinate, float(incidence[coordinate, number])))
-    return tuple(hidden)
+            hidden[number] = coordinate
+    return hidden
 
 
-def _leaves_no_doubt(fit: LikelihoodFit, structure: Structure, hidden: Sequence[_HiddenLink]) -> bool:
+def _leaves_no_doubt(fit: LikelihoodFit, structure: Structure, hidden: Mapping[int, int]) -> bool:
     """Whether a fit explains the records, and every coefficient of the links that it has found is far from zero."""
     if not fit.converged or fit.chi_square_off:
         return False
-    numbers = {link.number for link in hidden}
-    own = [any(link in numbers for link, _ in parameter.members) for parameter in structure.parameters]
+    own = [any(link in hidden for link, _ in parameter.members) for parameter in structure.parameters]
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     return bool((np.abs(fit.values) > _CERTAIN * errors)[own].all())
 
@@ -168,7 +158,7 @@ def _centred(structure: Structure, number: int) -> Structure:
 
 
 def _moved(
-    structure: Structure, centred: Structure, about: LikelihoodFit, hidden: Sequence[_HiddenLink]
+    structure: Structure, centred: Structure, about: LikelihoodFit, hidden: Mapping[int, int]
 ) -> tuple[Floats, Floats]:
     """Values (p,) of the unknowns of the structure, and nodes with its hidden masses moved to where they rest."""
     own = dict(zip((p.name for p in centred.parameters), about.values.tolist(), strict=True))
@@ -177,14 +167,13 @@ def _moved(
     n = structure.size
     incidence = structure.incidence.toarray().T
     values = own
-    for link in hidden:
-        k = link.number
+    for k, coordinate in hidden.items():
         d, v = incidence[k] @ nodes[:n], incidence[k] @ nodes[n : 2 * n]
         names = {key: p.name for p in structure.parameters for number, key in p.members if number == k}
         force = valued.links[k].force(d, v, {})
         rest, numbers = _place_of_rest(structure.links[k], valued.links[k].values, d, v, force, names)
         values = values | {names[key]: number for key, number in numbers.items()}
-        nodes[link.coordinate] += rest / link.sign
+        nodes[coordinate] += rest / incidence[k, coordinate]
     return np.array([values[p.name] for p in structure.parameters]), nodes
 
 

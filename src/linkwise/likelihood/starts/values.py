@@ -507,54 +507,49 @@ def starting_values(
     """
     records = framed_records(records, structure, integrated=True)
     given = dict(given or {})
-    priors = {p.name: p for p in structure.parameters if p.sigma < np.inf and p.name not in given}
-    firm = [name for name, p in priors.items() if p.sigma <= _FIRM * abs(_start(p))]
+    priors: dict[str, tuple[float, float]] = {
+        p.name: (p.start or 0.0, p.sigma)
+        for p in structure.parameters
+        if p.sigma < np.inf and p.name not in given
+    }
+    firm = {name: prior for name, prior in priors.items() if prior[1] <= _FIRM * abs(prior[0])}
     try:
-        return _with_masses(structure, _beside_priors(records, structure, given, firm))
+        return _beside_priors(records, structure, given, firm)
     except IdentificationError:
         if len(firm) == len(priors):
             raise
-    return _with_masses(structure, _beside_priors(records, structure, given, list(priors)))
-
-
-def _with_masses(structure: Structure, starts: tuple[Floats, Floats | None]) -> tuple[Floats, Floats | None]:
-    """The `starts`; IdentificationError where a mass has none above zero."""
-    for parameter, value in zip(structure.parameters, starts[0].tolist(), strict=True):
-        if not value > 0.0 and _is_mass(parameter):
-            raise IdentificationError(
-                f"no starting value for {parameter.name}: what the record gives first is {value:.3g} {parameter.unit}, as "
-                "noise can make it. State { start = ... } for it in the structure"
-            )
-    return starts
+    return _beside_priors(records, structure, given, priors)
 
 
 def _beside_priors(
     records: Sequence[Record],
     structure: Structure,
     given: Mapping[str, float],
-    fixed: Sequence[str],
+    priors: Mapping[str, tuple[float, float]],
 ) -> tuple[Floats, Floats | None]:
-    """Starting values with the parameters `fixed` at the most likely values of their priors."""
-    priors = {p.name: (_start(p), p.sigma) for p in structure.parameters if p.name in fixed}
-    reduced = structure.with_values({n: value for n, (value, _) in priors.items()}) if priors else structure
+    """Starting values, with `priors` at their most likely values, which come with standard deviations.
+
+    Raises IdentificationError where a mass has none above zero.
+    """
+    reduced = structure.with_values({name: value for name, (value, _) in priors.items()})
     values, deviations = (
         _values(records, reduced, given) if reduced.parameters else (np.zeros(0), np.zeros(0))
     )
-    names = [p.name for p in reduced.parameters]
-    spread = np.full(len(names), np.nan) if deviations is None else deviations
-    both = priors | dict(zip(names, zip(values.tolist(), spread.tolist(), strict=True), strict=True))
+    spread = np.full(len(values), np.nan) if deviations is None else deviations
+    found = zip(values.tolist(), spread.tolist(), strict=True)
+    both = {**priors, **dict(zip((p.name for p in reduced.parameters), found, strict=True))}
     starts, deviated = np.array([both[p.name] for p in structure.parameters]).reshape(-1, 2).T
+    for parameter, value in zip(structure.parameters, starts.tolist(), strict=True):
+        if not value > 0.0 and _is_mass(parameter):
+            raise IdentificationError(
+                f"no starting value for {parameter.name}: what the record gives first is {value:.3g} {parameter.unit}, as "
+                "noise can make it. State { start = ... } for it in the structure"
+            )
     return starts, None if deviations is None else deviated
 
 
 def _is_mass(parameter: Parameter) -> bool:
     return any(key == MASS for _, key in parameter.members)
-
-
-def _start(parameter: Parameter) -> float:
-    """The start of a parameter that has one, as every parameter with a prior does."""
-    assert parameter.start is not None
-    return parameter.start
 
 
 def _values(
