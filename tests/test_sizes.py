@@ -8,13 +8,13 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35764  # lines of all files of tests
+TESTS = 35644  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (11, 2210),
+    "absorption": (11, 2195),
     "analysis": (4, 506),
-    "cli": (20, 1843),
+    "cli": (21, 1843),
     "discovery": (18, 3489),
     "estimates": (7, 1464),
     "export": (9, 772),
@@ -28,13 +28,13 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "paper": (3, 358),
     "plot": (12, 1810),
     "records": (9, 1456),
-    "report": (9, 1014),
+    "report": (11, 1032),
     "response": (13, 1847),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 926),
     "signals": (6, 838),
     "simulation": (9, 1648),
     "sindy": (9, 1063),
-    "study": (8, 1422),
+    "study": (9, 1403),
     "weak": (11, 1748),
 }
 
