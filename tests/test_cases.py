@@ -6,7 +6,7 @@ Each case stands for a kind, which the tests of its package make anew; the files
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ import linkwise as lw
 
 CASES = Path(__file__).parents[2] / "shared" / "cases"
 RIG = {"leaf.k": 2600.0, "leaf.c": 1.6, "bistable.alpha": -160.0, "bistable.beta": 5.2e6, "bistable.c": 0.09}
+FRAME = {"frame.k": 900.0, "frame.k3": 2e5, "frame.c": 1.5}
 MOUNT = {"mount.k": 5200.0, "mount.c": 2.5}
 GAP = {
     **{f"s{n}.k": k for n, k in enumerate((38010.0, 16600.0, 15530.0, 9253.0, 10640.0, 12410.0), start=1)},
@@ -46,70 +47,36 @@ class Case(NamedTuple):
     line: str
     code: int = 0
     truth: Mapping[str, float] = MappingProxyType({})
-    causes: frozenset[str] = frozenset()
+    causes: Set[str] = frozenset()
     message: str = ""
 
 
+SENSORS = "rig1.toml --mapping sensors.toml"
 ANSWERS = {
-    "noisy load cell, hard": Case(
-        "hammer-rig", "identify rig_hard.csv rig1.toml --mapping sensors.toml", truth=RIG
-    ),
-    "noisy load cell, soft": Case(
-        "hammer-rig", "identify rig_soft.csv rig1.toml --mapping sensors.toml", truth=RIG
-    ),
+    "noisy load cell, hard": Case("hammer-rig", f"identify rig_hard.csv {SENSORS}", truth=RIG),
+    "noisy load cell, soft": Case("hammer-rig", f"identify rig_soft.csv {SENSORS}", truth=RIG),
     "three storeys from MATLAB": Case("hammer-rig", "identify rig3.mat rig3.toml --mapping s3.toml"),
-    "alternating current": Case(
-        "ac-coupled", f"identify run.csv s5.toml {ISOLATED}", truth={"mount.k": 250.0, "mount.c": 2.0}
-    ),
+    "alternating current": Case("ac-coupled", f"identify run.csv s5.toml {ISOLATED}", 0, {"mount.k": 250.0, "mount.c": 2.0}),
     "corner at 0.1 Hz": Case("iepe-corner", f"identify corner01.csv s.toml {IEPE}"),
     "corner at 0.5 Hz": Case("iepe-corner", f"identify corner05.csv s.toml {IEPE}"),
-    "two clocks": Case(
-        "two-loggers",
-        f"identify floor.csv s.toml {FLOOR} --clock a:m1",
-        4,
-        {"frame.k": 900.0, "frame.k3": 2e5, "frame.c": 1.5},
-    ),
+    "two clocks": Case("two-loggers", f"identify floor.csv s.toml {FLOOR} --clock a:m1", 4, FRAME),
     "Testlab": Case("lms-mat", f"identify run.mat s.toml {HITS}", truth=MOUNT),
     "clearance": Case("bearing-gap", "identify run.csv us.toml", truth={"bearing.G": 5e-4, "seal.c": 20.0}),
-    "two channels exchanged": Case(
-        "hammer-rig",
-        "identify swapped.csv rig1.toml --mapping sensors.toml",
-        truth=RIG,
-        causes=frozenset({"swapped x:frame"}),
-    ),
-    "one laser reversed": Case(
-        "hammer-rig",
-        "identify laser_flipped.csv rig1.toml --mapping sensors.toml",
-        truth=RIG,
-        causes=frozenset({"sign x:sink"}),
-    ),
-    "hammer reversed": Case(
-        "hammer-rig",
-        "identify german.csv rig1.toml --mapping sg.toml",
-        truth=RIG,
-        causes=frozenset({"sign force:frame"}),
-    ),
+    "two channels exchanged": Case("hammer-rig", f"identify swapped.csv {SENSORS}", 0, RIG, {"swapped x:frame"}),
+    "one laser reversed": Case("hammer-rig", f"identify laser_flipped.csv {SENSORS}", 0, RIG, {"sign x:sink"}),
+    "hammer reversed": Case("hammer-rig", "identify german.csv rig1.toml --mapping sg.toml", 0, RIG, {"sign force:frame"}),
     "sensor inverted": Case(
-        "inverted-sensor",
-        f"identify log.csv s.toml {LOGGED} --channel time=t",
-        causes=frozenset({"sign x:m1", "sign x:m2"}),
+        "inverted-sensor", f"identify log.csv s.toml {LOGGED} --channel time=t", causes={"sign x:m1", "sign x:m2"},
     ),
-    "asymmetric wells": Case(
-        "asymmetric-wells", "identify record.csv unknown.toml", 4, causes=frozenset({"term d**2 s"})
-    ),
+    "asymmetric wells": Case("asymmetric-wells", "identify record.csv unknown.toml", 4, causes={"term d**2 s"}),
     "gap by the weak form": Case(
-        "weak-gap", "identify record.csv unknown.toml --method weak", 3, message="the weak form is biased"
+        "weak-gap", "identify record.csv unknown.toml --method weak", 3, message="the weak form is biased",
     ),
-    "out of range, behind a hit": Case(
-        "picoscope", f"identify scope.csv s.toml {SCOPE}", 4, causes=frozenset({"event"})
-    ),
+    "out of range, behind a hit": Case("picoscope", f"identify scope.csv s.toml {SCOPE}", 4, causes={"event"}),
     "rows lost": Case(
-        "lost-samples",
-        f"identify log.csv s.toml {LOGGED} --rate 500",
-        3,
-        message="jumps between two samples",
+        "lost-samples", f"identify log.csv s.toml {LOGGED} --rate 500", 3, message="jumps between two samples",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", ANSWERS.values(), ids=ANSWERS)

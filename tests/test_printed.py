@@ -44,9 +44,8 @@ def test_an_estimate_is_a_table_of_pandas(fitted: lw.Estimate, monkeypatch: pyte
     )
     assert np.isnan(table.loc["m1.mass", "lower"]) and list(table.index)[-1] == "m2.mass"
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(
-        lw.IdentificationError, match="to_dataframe\\(\\) needs pandas, which is not installed: pip install"
-    ):
+    message = "to_dataframe\\(\\) needs pandas, which is not installed: pip install"
+    with pytest.raises(lw.IdentificationError, match=message):
         fitted.to_dataframe()
 
 

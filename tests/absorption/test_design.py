@@ -73,9 +73,8 @@ def test_limits_hold_and_mass_is_traded_off() -> None:
     assert value[-1] == found.objective and mass[-1] == found.best["m2.mass"]
     free = lw.design(CHAIN, MASS | BETA, "rms", DesignOptions(evaluations=80), **SHORT)
     assert free.objective < found.objective
-    with pytest.raises(
-        lw.LinkwiseError, match=r"none of 20 designs keeps the limits and has a value of rms: widen"
-    ):
+    message = r"none of 20 designs keeps the limits and has a value of rms: widen"
+    with pytest.raises(lw.LinkwiseError, match=message):
         lw.design(CHAIN, ALPHA, "rms", DesignOptions(evaluations=20, limits={"stroke:nes1": 1e-4}), **SHORT)
 
 

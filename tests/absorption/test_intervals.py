@@ -43,9 +43,8 @@ def test_draws_have_the_covariance_and_keep_the_bounds() -> None:
     bounded = known([[1e-4]], "nes1.c", lower=0.01).draws(500, seed=1000)
     # the bound that was stated
     assert bounded.min() >= 0.01 and len(bounded) == 500
-    with pytest.raises(
-        lw.IdentificationError, match=r"draws only \d+ lie within the bounds of the coefficients"
-    ):
+    message = r"draws only \d+ lie within the bounds of the coefficients"
+    with pytest.raises(lw.IdentificationError, match=message):
         known([[1e-4]], "nes1.c", lower=0.09).draws(500, seed=1000)
 
 

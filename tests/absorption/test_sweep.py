@@ -89,9 +89,8 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
     assert swept.findings[0].startswith("2 of 4 runs diverge: their cells have no value")
     assert swept.verdicts == (lw.Verdict.ENERGY_BALANCE_CLOSED,)
     assert "4 runs of 0.5 s over nes1.beta" in str(swept) and "2 diverged" in str(swept)
-    with pytest.raises(
-        lw.LinkwiseError, match=r"none of the 2 runs came to its end: .* check the ranges of nes1\.beta"
-    ):
+    message = r"none of the 2 runs came to its end: .* check the ranges of nes1\.beta"
+    with pytest.raises(lw.LinkwiseError, match=message):
         absorption_map(CHAIN, {"nes1.beta": [-1e6, -5e5]}, sinks=["nes1"], **SHORT)
 
 
@@ -126,8 +125,6 @@ def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytes
     monkeypatch.setattr(map, "available_memory", lambda: 24 * 10**9)
     alphas, betas = np.linspace(-200.0, -20.0, 100_000), np.linspace(1e5, 2e6, 100_000)
     over = {"nes1.alpha": alphas, "nes1.beta": betas}
-    with pytest.raises(
-        lw.SimulationError,
-        match=r"a sweep of 10000000000 runs needs 7.4e\+04 GB, and 24 GB are free; use fewer values of nes1\.alpha and",
-    ):
+    message = r"a sweep of 10000000000 runs needs 7.4e\+04 GB, and 24 GB are free; use fewer values of nes1\.alpha and"
+    with pytest.raises(lw.SimulationError, match=message):
         absorption_map(CHAIN, over, **SHORT)

@@ -130,18 +130,13 @@ def test_help_fits_a_screen_and_says_where_the_rest_is(command: str) -> None:
         said("help reading").out,
     )
     assert short.count("\n") <= 60 and whole == said(f"{command} --help-all").out
-    assert (
-        f"Others: linkwise {command} --help-all;" in short
-        and "--output DIR" in short
-        and "Examples:" in short
-    )
+    assert f"Others: linkwise {command} --help-all;" in short
+    assert "--output DIR" in short and "Examples:" in short
     options = set(re.findall(r"^  (?:-o, )?(--[a-z-]+)", whole, re.MULTILINE))
     shared = set(re.findall(r"^  (--[a-z-]+)", reading, re.MULTILINE)) - {"--help"}
     assert {"--channel", "--delay", "--sensor"} < shared < options and len(options) > 25
-    assert (
-        "no help on 'readin'; choose reading" in said("help readin", 2).err
-        and said("help").out == said("--help").out
-    )
+    assert "no help on 'readin'; choose reading" in said("help readin", 2).err
+    assert said("help").out == said("--help").out
 
 
 def test_help_names_every_family() -> None:

@@ -82,10 +82,10 @@ def test_a_file_that_cannot_drive_says_how_its_columns_are_named() -> None:
     line = f"simulate chain.toml {GRID} -o run.csv --force"
     for drive in ("m1=kraft.csv", "m1=kraft.csv:Kraft"):
         err = said(f"{line} {drive}", 2).err
-        assert (
+        expected = (
             "the time is the column `time` (or `time[ms]`); its values are named as in kraft.csv:COLUMN"
-            in err
         )
+        assert expected in err
         assert "On the command line: --rate" not in err  # which is that of the simulation
     rows[200:220] = []
     Path("kraft.csv").write_text("\n".join(["time;Kraft", *rows]))

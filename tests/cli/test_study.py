@@ -107,8 +107,6 @@ def test_no_answer_at_all_is_exit_code_3(tmp_path: Path) -> None:
 def test_a_part_of_a_study_tells_how_all_are_gathered(finished: Path) -> None:
     """A part may have no case, where there are more parts than cases."""
     told = said(study(finished, "--quick", "--shard", "99/99"))
-    assert (
-        told.out == ""
-        and "part 99/99 is done; without --shard the same command gathers all parts" in told.err
-    )
+    assert told.out == ""
+    assert "part 99/99 is done; without --shard the same command gathers all parts" in told.err
     assert lw.study.read_rows(finished / "shards" / "99-of-99") == ()

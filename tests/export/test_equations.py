@@ -103,11 +103,9 @@ def of_matlab(path: Path, name: str, shape: tuple[int, ...]) -> Function:
     def called(z: Floats, u: Floats | None) -> Floats:
         p = np.array([float(value) for value in values[1].split("; ")])
         result = np.zeros(shape if name != "rhs" else shape[:1])
+        given = {"z": z, "u": np.zeros(99) if u is None else u, "p": p, "result": result}
         with np.errstate(all="ignore"):
-            exec(
-                "\n".join(lines),
-                {**known, "z": z, "u": np.zeros(99) if u is None else u, "p": p, "result": result},
-            )
+            exec("\n".join(lines), {**known, **given})
         return result
 
     return called
@@ -124,11 +122,20 @@ def functions(subject: lw.Structure, suffix: str, folder: Path) -> tuple[Functio
     size, inputs = len(module["STATES"]), len(module["INPUTS"])
     path = export_equations(subject, folder / f"motion{suffix}")
     reader = {".py": of_python, ".m": of_matlab, ".c": of_c}[suffix]
-    return (
-        reader(path, "rhs", (size,)),
+    jacobian, by_inputs = (
         reader(path, "jacobian", (size, size)),
         reader(path, "input_jacobian", (size, inputs)),
     )
+    return reader(path, "rhs", (size,)), jacobian, by_inputs
+
+
+def assert_jacobians(rhs: Function, jacobian: Function, by_inputs: Function, z: Floats, u: Floats) -> None:
+    """They agree with differences of the rates."""
+    by_state = [(rhs(z + step, u) - rhs(z - step, u)) / 2e-6 for step in 1e-6 * np.eye(z.size)]
+    by_input = [(rhs(z, u + step) - rhs(z, u - step)) / 2e-6 for step in 1e-6 * np.eye(u.size)]
+    for exact, differences in ((jacobian(z, u), by_state), (by_inputs(z, u), by_input)):
+        scale = np.abs(exact).max()
+        assert exact / scale == pytest.approx(np.transpose(differences) / scale, abs=1e-6)
 
 
 def motions(size: int, count: int = 4) -> Iterator[Floats]:
@@ -139,15 +146,8 @@ def motions(size: int, count: int = 4) -> Iterator[Floats]:
 def test_rates_are_those_of_the_structure(language: str, tmp_path: Path) -> None:
     subject = of_every_kind()
     module = runpy.run_path(str(export_equations(subject, tmp_path / "names.py")))
-    inputs = [
-        "force:beam.tip",
-        "force:beam.mid",
-        "force:beam.root",
-        "force:m1",
-        "force:m2",
-        "x:base",
-        "v:base",
-    ]
+    places = "beam.tip", "beam.mid", "beam.root", "m1", "m2"
+    inputs = [*(f"force:{place}" for place in places), "x:base", "v:base"]
     assert module["INPUTS"] == inputs and module["STATES"][-1] == "state:joint.z"
     assert "other.alpha" not in module["PARAMETERS"] and module["PARAMETERS"]["sink.alpha"] == -100.0
     rhs, *_ = functions(subject, language, tmp_path)
@@ -155,13 +155,9 @@ def test_rates_are_those_of_the_structure(language: str, tmp_path: Path) -> None
     for z in motions(len(module["STATES"])):
         u = rng.normal(size=7) * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 0.01, 0.1])
         base = lw.model.TimeFunction(f"{float(u[5])!r} + {float(u[6])!r}*t")
-        forces = {
-            name.removeprefix("force:"): float(value) for name, value in zip(inputs[:5], u, strict=False)
-        }
-        drive = lw.model.Excitation(forces=forces, base=base)
-        acceleration = LinkForces(subject, drive).accelerations(
-            np.zeros(1), z[None, :n], z[None, n : 2 * n], z[None, 2 * n :]
-        )[0]
+        drive = lw.model.Excitation(forces=dict(zip(places, u.tolist(), strict=False)), base=base)
+        state = z[None, :n], z[None, n : 2 * n], z[None, 2 * n :]
+        acceleration = LinkForces(subject, drive).accelerations(np.zeros(1), *state)[0]
         joint = subject.links.index(subject.link("joint"))
         d = subject.elongations(z[:n], u[5])[joint], subject.elongations(z[n : 2 * n], u[6])[joint]
         (rate,) = subject.link("joint").law.state_rates(*d, {**MEMORY, "z": z[-1]})
@@ -192,17 +188,14 @@ def test_signals_are_inputs(language: str, tmp_path: Path) -> None:
     for z in motions(5, 2):
         x, v, i = z[:2], z[2:4], float(z[4])
         coil, valve = subject.links
-        forces = [
-            float(coil.force(x[0], v[0], {"i": i, **signals})),
-            float(valve.force(x[1] - x[0], v[1] - v[0], signals)),
-        ]
+        pull, push = (
+            coil.force(x[0], v[0], {"i": i, **signals}),
+            valve.force(x[1] - x[0], v[1] - v[0], signals),
+        )
         (rate,) = coil.law.state_rates(x[0], v[0], {**coil.values, "i": i, **signals})
-        expected = [*v, (0.3 - forces[0] + forces[1]) / 0.5, (-0.2 - forces[1]) / 0.2, float(rate)]
+        expected = [*v, (0.3 - float(pull) + float(push)) / 0.5, (-0.2 - float(push)) / 0.2, float(rate)]
         assert rhs(z, u) == pytest.approx(expected, rel=1e-12)
-        by_state = [(rhs(z + step, u) - rhs(z - step, u)) / 2e-6 for step in 1e-6 * np.eye(5)]
-        by_input = [(rhs(z, u + step) - rhs(z, u - step)) / 2e-6 for step in 1e-6 * np.eye(4)]
-        for exact, differences in ((jacobian(z, u), by_state), (input_jacobian(z, u), by_input)):
-            assert exact == pytest.approx(np.transpose(differences), abs=1e-6 * np.abs(exact).max())
+        assert_jacobians(rhs, jacobian, input_jacobian, z, u)
 
 
 def smooth() -> lw.Structure:
@@ -211,32 +204,23 @@ def smooth() -> lw.Structure:
     dropped = {"friction", "stops", "roots"}
     links = tuple(own for own in subject.links if own.name not in dropped | subject.modes)
     masses = tuple(own for own in subject.masses if own.name not in subject.modes)
-    power = link(
-        "power", "m1-ground", "k*d*(1 + d*d/w)**p + c*exp(0.1*d/w)*v**3", k=30.0, w=1e-3, p=0.7, c=2.0
-    )
+    law = "k*d*(1 + d*d/w)**p + c*exp(0.1*d/w)*v**3"
+    power = link("power", "m1-ground", law, k=30.0, w=1e-3, p=0.7, c=2.0)
     return lw.Structure(subject.name, masses, (*links, power), subject.hosts)
 
 
 def test_jacobians_agree_with_differences(language: str, tmp_path: Path) -> None:
     subject = smooth()
-    rhs, jacobian, input_jacobian = functions(subject, language, tmp_path)
-    size = subject.topology.dimension
-    u = np.linspace(-0.01, 0.02, 7)
-    for z in motions(size, 2):
-        steps, input_steps = 1e-6 * np.eye(size), 1e-6 * np.eye(u.size)
-        by_state = [(rhs(z + step, u) - rhs(z - step, u)) / 2e-6 for step in steps]
-        by_input = [(rhs(z, u + step) - rhs(z, u - step)) / 2e-6 for step in input_steps]
-        for exact, differences in ((jacobian(z, u), by_state), (input_jacobian(z, u), by_input)):
-            scale = np.abs(exact).max()
-            assert exact / scale == pytest.approx(np.transpose(differences) / scale, abs=1e-6)
+    of_motion = functions(subject, language, tmp_path)
+    for z in motions(subject.topology.dimension, 2):
+        assert_jacobians(*of_motion, z, np.linspace(-0.01, 0.02, 7))
 
 
 @pytest.mark.parametrize("masses", [2, 4])
 def test_exports_integrate_like_the_simulation(masses: int, language: str, tmp_path: Path) -> None:
     subject, release = lw.bnes_chain(masses), {"v:m1": 1.0}
-    duration = {".m": 0.04, ".py": 0.2, ".c": 0.5 if masses == 2 else 0.2}[
-        language
-    ]  # s; neighbours of four part soon
+    # s; neighbours of four part soon
+    duration = {".m": 0.04, ".py": 0.2, ".c": 0.5 if masses == 2 else 0.2}[language]
     record = lw.simulate(subject, release=release, duration=duration, rate=100.0, sensors=["x", "v"])
     assert record.simulated is not None and record.simulated.horizon is None
     rhs, *_ = functions(subject, language, tmp_path)
@@ -292,18 +276,14 @@ class Unit:
             (binary,) = (name for name in self.files if name.startswith("binaries/"))
             library = ctypes.CDLL(archive.extract(binary, path.with_suffix("")))
         self.variables = {own.attrib["name"]: own.attrib for own in root.iter("ScalarVariable")}
-        self.starts = {
-            own.attrib["name"]: float(own[0].attrib["start"])
-            for own in root.iter("ScalarVariable")
-            if "start" in own[0].attrib
-        }
+        given = [own for own in root.iter("ScalarVariable") if "start" in own[0].attrib]
+        self.starts = {own.attrib["name"]: float(own[0].attrib["start"]) for own in given}
         self.library = library
         library.fmi2Instantiate.restype = ctypes.c_void_p
         library.fmi2GetVersion.restype = ctypes.c_char_p
         guid = root.attrib["guid"].encode()
-        self.started: Callable[[bytes], Any] = lambda guid: library.fmi2Instantiate(
-            b"unit", 1, guid, b"", None, 0, 0
-        )
+        started = library.fmi2Instantiate
+        self.started: Callable[[bytes], Any] = lambda guid: started(b"unit", 1, guid, b"", None, 0, 0)
         self.instance = ctypes.c_void_p(self.started(guid))
         assert self.instance and library.fmi2GetVersion() == b"2.0"
 

@@ -58,10 +58,8 @@ def test_every_export_of_the_folder_says_so(fit: lw.Estimate, answer: Path, tmp_
     sentence = SENTENCES[fit.grade]
     assert sentence in lw.export_answer(fit, tmp_path / "estimate.py").read_text()
     files = {suffix: tmp_path / f"forces{suffix}" for suffix in (".py", ".m", ".mat", ".csv", ".xlsx")}
-    assert (
-        f"note: {sentence}"
-        in said(f"export {answer} {' '.join(map(str, files.values()))}", fit.grade.exit_code).err
-    )
+    told = said(f"export {answer} {' '.join(map(str, files.values()))}", fit.grade.exit_code).err
+    assert f"note: {sentence}" in told
     for suffix in (".py", ".m"):
         assert sentence in files[suffix].read_text()
     assert sentence in str(scipy.io.loadmat(files[".mat"], simplify_cells=True)["note"])
@@ -75,9 +73,8 @@ def test_a_status_that_is_not_ours_is_refused(fit: lw.Estimate, answer: Path, tm
     folder = shutil.copytree(answer, tmp_path / "answer")
     document = json.loads((folder / "result.json").read_text())
     (folder / "result.json").write_text(json.dumps({**document, "status": 'x"""\nos'}))
-    with pytest.raises(
-        lw.StructureError, match="which linkwise does not write; identify again, or give"
-    ) as refused:
+    message = "which linkwise does not write; identify again, or give"
+    with pytest.raises(lw.StructureError, match=message) as refused:
         lw.export_answer(folder, tmp_path / "forces.py")
     assert "\n" not in str(refused.value)
     if fit.grade is lw.Grade.REFUSED:
@@ -119,10 +116,8 @@ def test_a_comparison_goes_no_farther_than_the_answer(fit: lw.Estimate, answer: 
         validation = lw.validate(hardening(), given)
         assert lw.Grade.worst((validation.grade, fit.grade)) is validation.grade and not validation.trusted
     code = validation.grade.exit_code
-    assert (
-        f'"grade": "{validation.grade.value}"'
-        in said(f"validate {tmp_path}/run.csv {answer} --json", code).out
-    )
+    printed = said(f"validate {tmp_path}/run.csv {answer} --json", code).out
+    assert f'"grade": "{validation.grade.value}"' in printed
 
 
 @pytest.mark.usefixtures("unrendered")

@@ -88,16 +88,8 @@ def test_graph_draws_doubt(discovered: lw.Discovery) -> None:
 
 @pytest.mark.slow
 def test_folder_is_that_of_identify_and_more(discovery_folder: Path, discovered: lw.Discovery) -> None:
-    pictures = (
-        "graph",
-        "path",
-        "evidence",
-        "fit",
-        "residuals",
-        "force_m1-ground",
-        "force_m2-m1",
-    )
-    figures = {f"{name}.png" for name in pictures}
+    pictures = "graph path evidence fit residuals force_m1-ground force_m2-m1"
+    figures = {f"{name}.png" for name in pictures.split()}
     tables = {"terms.csv", "covariance.csv", "force_m1-ground.csv", "force_m2-m1.csv"}
     files = {"structure.toml", "report.html", *figures, *tables}
     assert {path.name for path in discovery_folder.iterdir()} == {"result.json", *files}

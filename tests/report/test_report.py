@@ -15,7 +15,8 @@ from structures import torsion_chain
 import linkwise as lw
 from linkwise.report.discovery import discovery_page
 from linkwise.report.estimate import estimate_figures, estimate_page
-from linkwise.report.page import Reported, _table_as_in_figures, lengths_as_in_figures
+from linkwise.report.folder import Reported
+from linkwise.report.page import _table_as_in_figures, lengths_as_in_figures
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -101,7 +102,7 @@ def test_page_needs_nothing_else(answer_folder: Path) -> None:
 
 def test_big_figures_lie_beside(fitted: lw.Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """So that no page is larger than 1.5 MB, however many links and channels there are."""
-    monkeypatch.setattr("linkwise.report.page._PAGE", 40)
+    monkeypatch.setattr("linkwise.report.folder._PAGE", 40)
     page = (lw.report.write_result(fitted, tmp_path / "answer") / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 1 and '<a href="histories.png">histories.png</a>' in page
 

@@ -78,9 +78,8 @@ def test_phase_resonance_of_friction_loses_what_the_joint_takes() -> None:
     assert 4.0 * np.pi * curve.damping[-1] * curve.energy[-1] == pytest.approx(4.0 * 0.02, rel=0.03)
     with pytest.raises(lw.StructureError, match=r"has memory .* follow its phase resonance under a force"):
         lw.backbone(subject, 1)
-    with pytest.raises(
-        lw.SimulationError, match="brings mode 1 into no motion a quarter of a period behind it"
-    ):
+    message = "brings mode 1 into no motion a quarter of a period behind it"
+    with pytest.raises(lw.SimulationError, match=message):
         lw.backbone(lw.bnes_chain(2), 1, to_energy=1e-3, force="m1")
     with pytest.raises(lw.SimulationError, match="unknown mass 'm9' in a force"):
         lw.backbone(subject, 1, force="m9")
@@ -98,17 +97,13 @@ def test_a_curve_that_ends_too_soon_says_so() -> None:
 
 def test_what_has_no_backbone_is_refused() -> None:
     spring = oscillator(HARDENING, k=K, k3=K3, c=0.4)
-    with pytest.raises(
-        lw.SimulationError,
-        match=r"there is no vibration in mode 2; the frequencies of modes 1 to 1 are 3\.183 Hz",
-    ):
+    message = r"there is no vibration in mode 2; the frequencies of modes 1 to 1 are 3\.183 Hz"
+    with pytest.raises(lw.SimulationError, match=message):
         lw.backbone(spring, 2)
     with pytest.raises(lw.SimulationError, match="an amplitude or at an energy; give one"):
         lw.backbone(spring, 1, to_amplitude={"x:m1": 0.1}, to_energy=1.0)
-    with pytest.raises(
-        lw.SimulationError,
-        match=r"the energy at which a backbone ends must be positive, in SI units, got -1\.0",
-    ):
+    message = r"the energy at which a backbone ends must be positive, in SI units, got -1\.0"
+    with pytest.raises(lw.SimulationError, match=message):
         lw.backbone(spring, 1, to_energy=-1.0)
     with pytest.raises(lw.StructureError, match="is not smooth"):
         lw.backbone(oscillator("k*d + k2*d*abs(d)", k=K, k2=1.0), 1)
@@ -192,9 +187,8 @@ def test_motions_end_where_simulations_end() -> None:
 
 
 def test_what_is_no_plane_is_refused() -> None:
-    with pytest.raises(
-        lw.SimulationError, match="need two states and at least 2 values of each, got 1 and 31"
-    ):
+    message = "need two states and at least 2 values of each, got 1 and 31"
+    with pytest.raises(lw.SimulationError, match=message):
         basins(DOUBLE_WELL, {"x:m1": (0.0, 1.0)})
     with pytest.raises(lw.StructureError, match="no stable equilibrium was found"):
         basins(oscillator("k*d", k=-1.0), PLANE)

@@ -1,6 +1,7 @@
 """Steady motion: known solutions, folds against collocation, all attractors of a bistable sink, and what is refused."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,13 +38,8 @@ def collocated_fold(k3: float, force: float) -> tuple[float, float]:
     def solved(lag: float) -> tuple[float, float]:
         x, omega = size * np.cos(phase), np.sqrt(K + 0.75 * k3 * size**2)
         for _ in range(20):
-            motion = (
-                omega**2 * second @ x
-                + C * omega * first @ x
-                + K * x
-                + k3 * x**3
-                - force * np.cos(phase + lag)
-            )
+            inner = omega**2 * second @ x + C * omega * first @ x + K * x + k3 * x**3
+            motion = inner - force * np.cos(phase + lag)
             jacobian = omega**2 * second + C * omega * first + np.diag(K + 3 * k3 * x**2)
             by_omega = 2 * omega * second @ x + C * first @ x
             whole = np.block([[jacobian, by_omega[:, None]], [np.sin(phase), 0.0]])
@@ -88,9 +84,8 @@ def test_folds_of_a_duffing_oscillator_are_those_of_collocation(kind: str) -> No
 
 
 def test_a_linear_oscillator_responds_as_its_transfer_function() -> None:
-    response = lw.respond(
-        oscillator("k*d + c*v", mass=2.0, k=K, c=4.0), force={"m1": 3.0}, hz=(1.0, 5.0), starts=0
-    )
+    spring = oscillator("k*d + c*v", mass=2.0, k=K, c=4.0)
+    response = lw.respond(spring, force={"m1": 3.0}, hz=(1.0, 5.0), starts=0)
     [branch] = response.levels[0].branches
     omega = 2 * np.pi * branch.hz
     exact = 3.0 / (K - 2.0 * omega**2 + 4j * omega)
@@ -121,12 +116,10 @@ def test_a_band_beside_an_antiresonance_is_that_of_draws_solved_for_there() -> N
         {"leaf": "m1 - ground: k*d + c*v", "joint": "m2 - m1: k*d + c*v"},
         {"leaf.k": 900.0, "leaf.c": 1.5, "joint.k": 400.0, "joint.c": 0.5},
     )
-    answer = lw.estimates.Posterior(
-        pair, (Name("joint", "k"),), np.array([[4.0]]), np.array([0.0]), np.array([np.inf])
-    )
-    branch = (
-        lw.respond(answer, force={"m1": 1.0}, hz=(2.0, 9.0), show=["x:m1"], starts=0).levels[0].branches[0]
-    )
+    bounds = np.array([0.0]), np.array([np.inf])
+    answer = lw.estimates.Posterior(pair, (Name("joint", "k"),), np.array([[4.0]]), *bounds)
+    response = lw.respond(answer, force={"m1": 1.0}, hz=(2.0, 9.0), show=["x:m1"], starts=0)
+    branch = response.levels[0].branches[0]
     assert branch.lower is not None and branch.upper is not None
     omega = 2 * np.pi * branch.hz
 
@@ -194,19 +187,13 @@ def test_simulations_of_a_bistable_sink_end_on_branches_or_where_motion_is_chaot
     chain, force = lw.bnes_chain(2), 3.0
     response = lw.respond(chain, force={"m1": force}, hz=(22.0, 29.0))
     level, rng = response.levels[0], np.random.default_rng(7)
-    assert any(
-        branch.amplitude[:, 1].min() > 0.02 for branch in level.branches
-    )  # from well to well, isolated
+    # from well to well, isolated
+    assert any(branch.amplitude[:, 1].min() > 0.02 for branch in level.branches)
     for hz in (25.0, 27.0):
         for _ in range(3):
             release = {"x:m1": 0.01 * rng.standard_normal(), "x:m2": 0.03 * rng.standard_normal()}
-            run = lw.simulate(
-                chain,
-                forces={"m1": f"{force}*cos({2 * np.pi * hz!r}*t)"},
-                release=release,
-                duration=20.0,
-                rate=64 * hz,
-            )
+            drive = {"m1": f"{force}*cos({2 * np.pi * hz!r}*t)"}
+            run = lw.simulate(chain, forces=drive, release=release, duration=20.0, rate=64 * hz)
             late = run.channel("x:m2")[-640:]
             ends = [
                 float(np.interp(hz, branch.hz[[k, k + 1]][order], branch.amplitude[[k, k + 1], 1][order]))
@@ -231,14 +218,12 @@ def test_a_branch_that_loses_its_symmetry_is_left_for_the_other_one() -> None:
     symmetric, split = search.curves
     [at] = [point for point, name in symmetric.points if name == "branch point"]
     [there] = [point for point, name in split.points if name == "branch point"]
-    assert at.parameter == pytest.approx(
-        there.parameter, rel=1e-4
-    )  # half of the digits of 1e-8: a double root
+    # half of the digits of 1e-8: a double root
+    assert at.parameter == pytest.approx(there.parameter, rel=1e-4)
     assert not any(name == "fold" for _, name in split.points)
     amplitude = 0.5 * np.ptp(shooting.motion(at.unknowns)[:, 0])
-    assert amplitude == pytest.approx(
-        np.sqrt(2e-3 / 3.0), rel=0.02
-    )  # of first order in the square of the ratio of times
+    # of first order in the square of the ratio of times
+    assert amplitude == pytest.approx(np.sqrt(2e-3 / 3.0), rel=0.02)
     for well in (-1.0, 1.0):  # simulations from both wells end on the one that branched off
         search.settle(shooting, np.array([well * np.sqrt(1e-3), 0.0]), omega)
     assert search.curves == [symmetric, split]
@@ -268,19 +253,21 @@ def test_the_largest_amplitude_of_a_branch_is_one_that_a_test_shows() -> None:
         assert (f"{branch.amplitude[top, 0]:.4g} m at {branch.hz[top]:.5g} Hz" in text) == shown
 
 
-def test_what_cannot_be_answered_is_refused() -> None:
-    spring = duffing(1e5)
-    with pytest.raises(lw.SimulationError, match="needs one excitation"):
-        lw.respond(spring, hz=(1.0, 2.0))
-    with pytest.raises(lw.SimulationError, match='no link has "base" as an end'):
-        lw.respond(spring, base={"a": 1.0}, hz=(1.0, 2.0))
-    with pytest.raises(
-        lw.SimulationError, match="unknown mass 'm2' in a force; the masses and points are m1"
-    ):
-        lw.respond(spring, force={"m2": 1.0}, hz=(1.0, 2.0))
-    with pytest.raises(lw.SimulationError, match="from a positive one to a higher one"):
-        lw.respond(spring, force={"m1": 1.0}, hz=(2.0, 1.0))
-    with pytest.raises(lw.SimulationError, match="a:m1 cannot be what is shown"):
-        lw.respond(spring, force={"m1": 1.0}, hz=(1.0, 2.0), show=("a:m1",))
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"force": None}, "needs one excitation"),
+        ({"force": None, "base": {"a": 1.0}}, 'no link has "base" as an end'),
+        ({"force": {"m2": 1.0}}, "unknown mass 'm2' in a force; the masses and points are m1"),
+        ({"hz": (2.0, 1.0)}, "from a positive one to a higher one"),
+        ({"show": ("a:m1",)}, "a:m1 cannot be what is shown"),
+    ],
+)
+def test_what_cannot_be_answered_is_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(lw.SimulationError, match=message):
+        lw.respond(duffing(1e5), **{"force": {"m1": 1.0}, "hz": (1.0, 2.0), **changes})
+
+
+def test_motion_that_diverges_is_refused() -> None:
     with pytest.raises(lw.SimulationError, match="every motion from rest diverges"):
         lw.respond(oscillator("k*d", k=-K), force={"m1": 1.0}, hz=(0.1, 0.2), starts=0)

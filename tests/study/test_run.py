@@ -95,9 +95,8 @@ def test_workers_that_cannot_work_end_the_study(study: lw.study.Study, tmp_path:
         run_by(broken, study, tmp_path / "out")
     with pytest.raises(lw.StudyError, match="the connection to the workers is lost"):
         run_by(Gone(), study, tmp_path / "out")
-    with pytest.raises(
-        lw.StudyError, match=r"the worker has linkwise .*, but the study is run by 99\.0; insta"
-    ):
+    message = r"the worker has linkwise .*, but the study is run by 99\.0; insta"
+    with pytest.raises(lw.StudyError, match=message):
         run_batch(CaseBatch(study.text(), (), linkwise="99.0"))
 
 

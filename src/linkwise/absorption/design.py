@@ -526,7 +526,7 @@ def _searched(
 ) -> Design | None:
     """The best design of one structure; None where none keeps the limits and has a value."""
     drawn, over, _, options, _ = asked
-    problem, comparison = _problem(subject, *asked)
+    problem, comparison = _problem(subject, asked)
     budget = options.evaluations or _PER_PARAMETER * len(problem.axes)
     regardless = asked._replace(options=replace(options, evaluations=None, workers=None))
     before = Journal(journal, (subject, *regardless))
@@ -575,15 +575,9 @@ def _drawn(
     return tuple({name: draw[name] for name in draw if name not in over} for draw in draws)
 
 
-def _problem(
-    structure: Structure,
-    drawn: tuple[Mapping[str, float], ...],
-    over: Mapping[str, tuple[float, float]],
-    minimise: str,
-    options: DesignOptions,
-    simulated: AbsorptionOptions,
-) -> tuple[_Problem, Comparison]:
+def _problem(structure: Structure, asked: _Question) -> tuple[_Problem, Comparison]:
     """The problem, and the comparison in the middle of the bounds under the excitation as given."""
+    drawn, over, minimise, options, simulated = asked
     equipped = with_harvesters(structure, simulated.harvesters or {})
     if options.harmonic is not None:
         options.harmonic.drive.check(equipped)

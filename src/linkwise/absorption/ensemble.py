@@ -323,6 +323,18 @@ def run_ensemble(
     distinct_positions = rest_positions(structures, first.primaries)
     positions = [distinct_positions[number] for number in structure_of]
     share = len(baselines) / (len(baselines) + len(comparisons))
+    quantities = quantities_of(first)
+    values = np.full((len(comparisons), len(quantities)), np.nan)
+    shape = len(first.times), len(first.primaries), len(comparisons)
+    all_envelopes = np.full(shape, np.nan, np.float32) if envelopes else None
+
+    def collect(vibration: Vibration, potentials: Potentials, numbers: Indices) -> None:
+        without = baseline.of_runs(baseline_of[numbers])
+        by_name = quantity_values(first, vibration, potentials, without)
+        values[numbers] = np.stack([by_name[quantity.name] for quantity in quantities], axis=1)
+        if all_envelopes is not None:
+            all_envelopes[:, :, numbers] = vibration.decay.envelope
+
     with one_blas_thread():
         baseline = _baseline(
             [comparisons[run] for run in owners],
@@ -332,7 +344,8 @@ def run_ensemble(
         activity = f"{len(comparisons)} runs with sinks"
         rest = part(progress, share, 1.0)
         runner = _Runner(first.primaries, workers, one_by_one, rest, activity, first.powers)
-        return _with_sinks(comparisons, positions, baseline.of_runs(baseline_of), envelopes, runner)
+        completed = runner.run([comparison.schedule for comparison in comparisons], positions, collect)
+    return Ensemble(quantities, values, completed, all_envelopes)
 
 
 def _distinct(objects: Sequence[T]) -> tuple[list[T], Indices]:
@@ -360,28 +373,3 @@ def _baseline(
     runner.run(schedules, positions, collect)
     peak, rms, level, settled = values
     return BaselineQuantities(peak, rms, level, settled, energy)
-
-
-def _with_sinks(
-    comparisons: Sequence[Comparison],
-    positions: Sequence[Floats],
-    baseline: BaselineQuantities,
-    envelopes: bool,
-    runner: _Runner,
-) -> Ensemble:
-    """The runs with sinks, and all quantities."""
-    first = comparisons[0]
-    schedules = [comparison.schedule for comparison in comparisons]
-    quantities = quantities_of(first)
-    values = np.full((len(comparisons), len(quantities)), np.nan)
-    shape = len(first.times), len(first.primaries), len(comparisons)
-    all_envelopes = np.full(shape, np.nan, np.float32) if envelopes else None
-
-    def collect(vibration: Vibration, potentials: Potentials, numbers: Indices) -> None:
-        by_name = quantity_values(first, vibration, potentials, baseline.of_runs(numbers))
-        values[numbers] = np.stack([by_name[quantity.name] for quantity in quantities], axis=1)
-        if all_envelopes is not None:
-            all_envelopes[:, :, numbers] = vibration.decay.envelope
-
-    completed = runner.run(schedules, positions, collect)
-    return Ensemble(quantities, values, completed, all_envelopes)

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from rich import progress as bars
 
     from linkwise.model.structure import Structure
-    from linkwise.report import page as pages
+    from linkwise.report import folder as folders
 else:  # rich is for terminals
-    pages = lazy_module("linkwise.report.page")
+    folders = lazy_module("linkwise.report.folder")
     terminal = lazy_module("rich.console")
     bars = lazy_module("rich.progress")
 
@@ -164,7 +164,7 @@ def _keep(result: object, folder: Path, truth: Structure | None, *, whole: bool)
         place = home / (folder.resolve().name or "result")
         for pictured in [True, False] if whole else [False]:
             with suppress(Exception):  # that of the folder that was asked for is the one to tell
-                pages.FOLDERS[type(result).__name__].write(result, place, truth=truth, pictured=pictured)
+                folders.FOLDERS[type(result).__name__].write(result, place, truth=truth, pictured=pictured)
                 lacking = "" if (place / "report.html").exists() else ", without figures and page"
                 note(f"the result was kept in {place}{lacking}")
                 return
@@ -191,3 +191,12 @@ def _progress_bar(title: str) -> Iterator[Progress]:
     with bars.Progress(*columns, console=terminal.Console(stderr=True), transient=True) as bar:
         show = partial(bar.update, bar.add_task(title, total=None), total=1.0)
         yield lambda report: show(completed=report.fraction, description=report.activity)
+
+
+def nmse_lines(result: Mapping[str, Any], title: str, indent: str = "  ") -> list[str]:
+    """The errors of forces of a document, in lines under a title; none where it was not compared with a truth."""
+    if "nmse_percent" not in result:
+        return []
+    errors = result["nmse_percent"].items()
+    texts = ((name, "undefined" if error is None else f"{error:.3g} %") for name, error in errors)
+    return [title, *(f"{indent}{name:{8 + len(indent)}} {text}" for name, text in texts)]

@@ -10,20 +10,11 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import Delivery, answer_options, note, progress, truth_option
-from linkwise.cli.options import (
-    FILE,
-    STRUCTURE,
-    grouped,
-    listing,
-    method_options,
-    nmse_lines,
-    pairs,
-    quantity,
-    screen,
-    typed,
-)
+from linkwise.cli.console import Delivery, answer_options, nmse_lines, note, progress, truth_option
+from linkwise.cli.help import listing, screen
+from linkwise.cli.options import FILE, STRUCTURE, grouped, method_options, typed
 from linkwise.cli.reading_options import RecordOptions, record_options, tell_of_hosts
+from linkwise.cli.values import pairs, quantity
 from linkwise.discovery import terms as families
 from linkwise.model import link, rotations
 from linkwise.output import RESULT

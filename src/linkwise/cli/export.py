@@ -9,7 +9,8 @@ from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import note
-from linkwise.cli.options import ANSWER, FILE, listing
+from linkwise.cli.help import listing
+from linkwise.cli.options import ANSWER, FILE
 from linkwise.export import answer as exports
 from linkwise.export import equations as motions
 from linkwise.export.fmu import compiler

@@ -1,6 +1,11 @@
-"""`linkwise help`: all options of a command, or those of reading that commands with a record share."""
+"""`linkwise help`: all options of a command, or those of reading that commands with a record share; and commands whose help
+fits a screen or lists what is registered.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import click
 from click import UsageError
@@ -50,3 +55,50 @@ def help(ctx: click.Context, topic: str) -> None:
         click.echo(ctx.parent.get_help())
     else:
         raise UsageError(f"There is no help on {topic!r}; choose {READING} or a command.")
+
+
+def listing(placeholder: str, lines: Callable[[], Iterable[str]]) -> type[click.Command]:
+    """A kind of command in whose help `lines` stand in place of `placeholder`."""
+
+    class Listing(click.Command):
+        def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+            listed = "\n      ".join(lines())
+            whole = click.Command(self.name, help=(self.help or "").replace(placeholder, listed))
+            whole.format_help_text(ctx, formatter)
+
+    return Listing
+
+
+def screen(*first: str, base: type[click.Command] = click.Command) -> type[click.Command]:
+    """A kind of command whose `--help` fits a screen: its text up to a form feed, and the first sentence on
+    the options `first`, by parameter; `--help-all` shows everything.
+    """
+
+    class Screen(base):  # type: ignore[misc, valid-type]
+        def __init__(self, *arguments: Any, **keywords: Any) -> None:
+            super().__init__(*arguments, **keywords)
+            text = "Show all options and all that is said of them."
+            flag: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False}
+            self.params.append(click.Option(["--help-all"], help=text, callback=self._show, **flag))
+
+        def _show(self, ctx: click.Context, option: click.Parameter, wanted: bool) -> None:
+            """Print the whole help."""
+            if wanted and not ctx.resilient_parsing:
+                whole = base(self.name, params=self.params, help=(self.help or "").replace("\f", ""))
+                click.echo(whole.get_help(ctx))
+                ctx.exit()
+
+        def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+            """The first options, and where the others are."""
+            helps = {"--help", "--help-all"}
+            shown = [p for p in self.get_params(ctx) if p.name in first or helps & set(p.opts)]
+            records = [record for param in shown if (record := param.get_help_record(ctx)) is not None]
+            with formatter.section("Options that are needed first"):
+                formatter.write_dl([(flag, text.partition(". ")[0].rstrip(".")) for flag, text in records])
+            formatter.write_paragraph()
+            path = ctx.command_path
+            formatter.write_text(
+                f"Others: {path} --help-all; how a record is read and what is known of sensors: linkwise help reading."
+            )
+
+    return Screen

@@ -14,8 +14,9 @@ from click.core import ParameterSource
 
 import linkwise as lw
 from linkwise.cli.console import deliver_structure, note, progress
-from linkwise.cli.options import FILE, grouped, pairs, percentage, quantity, typed
+from linkwise.cli.options import FILE, grouped, typed
 from linkwise.cli.reading_options import ReadingOptions
+from linkwise.cli.values import pairs, percentage, quantity
 from linkwise.model import rotations
 
 # options that mean nothing for modes

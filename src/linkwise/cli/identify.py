@@ -10,18 +10,9 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import Delivery, answer_options, note, progress, truth_option
-from linkwise.cli.options import (
-    FILE,
-    STRUCTURE,
-    grouped,
-    method_options,
-    nmse_lines,
-    option_name,
-    screen,
-    stated,
-    typed,
-)
+from linkwise.cli.console import Delivery, answer_options, nmse_lines, note, progress, truth_option
+from linkwise.cli.help import screen
+from linkwise.cli.options import FILE, STRUCTURE, grouped, method_options, option_name, stated, typed
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
 from linkwise.identification.identify import METHODS
 from linkwise.model import link

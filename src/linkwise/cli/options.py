@@ -1,12 +1,10 @@
-"""What several commands share: options, `NAME=VALUE`, structure files, help that lists what is registered, and flags for
-the arguments that errors of the library name.
-"""
+"""Options of commands: made of the fields of classes, their flags in the messages of errors, and paths that several share."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, Field, field, fields
 from functools import wraps
 from inspect import cleandoc
@@ -16,7 +14,7 @@ from typing import Any, Protocol, TypeVar
 import click
 from click import UsageError
 
-import linkwise as lw
+from linkwise.cli.values import comma_separated, percentage, quantity, split, unit_of_channel
 from linkwise.errors import LinkwiseError, SimulationError
 from linkwise.output import answer_folder
 from linkwise.registry import Registry
@@ -40,78 +38,6 @@ class _AnswerPath(click.Path):
 
 ANSWER = _AnswerPath(path_type=Path)
 POSITIVE = click.FloatRange(min=0, min_open=True)
-
-
-def split(text: str, option: str, example: str) -> tuple[str, str]:
-    """`NAME=VALUE` in its two halves; what lacks one of them is wrong usage."""
-    name, sign, value = (part.strip() for part in text.partition("="))
-    if not (name and sign and value):
-        raise UsageError(f"{option} {text!r} is not NAME=VALUE, as in {option} {example}.")
-    return name, value
-
-
-def number(text: str, option: str, example: str) -> float:
-    """A plain SI number; anything else is wrong usage."""
-    try:
-        return float(text)
-    except ValueError:
-        message = f"{option}: {text!r} is not a plain number in SI units, as in {option} {example}."
-        raise UsageError(message) from None
-
-
-def quantity(text: str, unit: str, option: str) -> float:
-    """A plain number, which is in the SI `unit`, or one with a unit of its own; anything else is wrong usage."""
-    given: float | str = text
-    with suppress(ValueError):  # of a text with a unit
-        given = float(text)
-    try:
-        return lw.files.to_si(given, unit)
-    except LinkwiseError as error:
-        raise UsageError(f"{option}: {error}") from error
-
-
-def percentage(text: str, flag: str, example: str) -> float:
-    """The per cent that a text such as "2%" says; anything else is wrong usage."""
-    number, sign, rest = text.strip().partition("%")
-    try:
-        value = float(number)
-    except ValueError:
-        value, rest = 0.0, text
-    if rest:
-        raise UsageError(f"{flag} takes a percentage, such as {example}, got {text!r}.")
-    if not sign:
-        meant = f"is it {number}% or {100.0 * value:g}%?"
-        raise UsageError(f"{flag} takes a percentage with its sign, such as {example}, got {text!r}: {meant}")
-    return value
-
-
-def pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:
-    """Repeated `NAME=VALUE`; a name given twice is wrong usage."""
-    values: dict[str, str] = {}
-    for text in texts:
-        name, value = split(text, option, example)
-        if name in values:
-            raise UsageError(f"{option} is given twice for {name!r}: {values[name]} and {value}.")
-        values[name] = value
-    return values
-
-
-def numbers(texts: Iterable[str], option: str, example: str) -> dict[str, float]:
-    """Repeated `NAME=NUMBER`, in SI units."""
-    return {name: number(text, option, example) for name, text in pairs(texts, option, example).items()}
-
-
-def ranges(
-    texts: Iterable[str], option: str, example: str, form: str = "FROM:TO"
-) -> dict[str, tuple[float, float]]:
-    """Repeated `NAME=FROM:TO`, or with the ends called otherwise in `form`; anything else is wrong usage."""
-    found = {}
-    for name, text in pairs(texts, option, example).items():
-        if text.count(":") != 1:
-            raise UsageError(f"{option}: {text!r} is not {form}, as in {option} {example}.")
-        low, high = (number(end, option, example) for end in text.split(":"))
-        found[name] = (low, high)
-    return found
 
 
 def stated(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -183,34 +109,6 @@ def option_name(parameter: str) -> str:
     """How an option of the running command is typed, "--calibration" for the parameter "calibration"."""
     command = click.get_current_context().command
     return next(option.opts[0] for option in command.params if option.name == parameter)
-
-
-def file_and_column(text: str) -> tuple[Path | None, str]:
-    """`COLUMN`, or `FILE:COLUMN` with a file that exists."""
-    for end in (place for place, character in enumerate(text) if character == ":"):
-        if is_file(Path(text[:end])):
-            return Path(text[:end]), text[end + 1 :]
-    return None, text
-
-
-def is_file(path: Path) -> bool:
-    """Whether there is such a file; no text that is too long or too odd for a name is one."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
-
-
-def comma_separated(
-    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
-) -> tuple[str, ...]:
-    """The parts of lists with commas, all of an option that may be repeated."""
-    return tuple(part.strip() for text in texts for part in text.split(","))
-
-
-def header_line(context: click.Context, option: click.Parameter, text: str | None) -> str | int | None:
-    """The number of a header line, or text that it contains."""
-    return int(text) if text is not None and text.isdecimal() else text
 
 
 FLAGS = {
@@ -328,14 +226,6 @@ def _value(text: str, name: str, value: str, about: Mapping[str, Any], flag: str
     return quantity(value, unit, f"{flag} {text}")
 
 
-def unit_of_channel(name: str) -> str:
-    """The SI unit of an input; N if the name is not a channel, which the estimator reports."""
-    try:
-        return lw.records.Channel.parse(name).unit
-    except lw.LinkwiseError:
-        return "N"
-
-
 _OF_MAPPING = {"rate": 'rate = "... Hz"', "resample": 'resample = "... Hz"', "header": 'header = "..."'}
 """Lines of a mapping file that stand for flags, of commands that read a record by --mapping alone."""
 
@@ -365,59 +255,3 @@ def unstarted_is_usage() -> Iterator[None]:
         if error.time is None:
             raise UsageError(with_flags(error, click.get_current_context().command)) from error
         raise
-
-
-def listing(placeholder: str, lines: Callable[[], Iterable[str]]) -> type[click.Command]:
-    """A kind of command in whose help `lines` stand in place of `placeholder`."""
-
-    class Listing(click.Command):
-        def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-            listed = "\n      ".join(lines())
-            whole = click.Command(self.name, help=(self.help or "").replace(placeholder, listed))
-            whole.format_help_text(ctx, formatter)
-
-    return Listing
-
-
-def screen(*first: str, base: type[click.Command] = click.Command) -> type[click.Command]:
-    """A kind of command whose `--help` fits a screen: its text up to a form feed, and the first sentence on
-    the options `first`, by parameter; `--help-all` shows everything.
-    """
-
-    class Screen(base):  # type: ignore[misc, valid-type]
-        def __init__(self, *arguments: Any, **keywords: Any) -> None:
-            super().__init__(*arguments, **keywords)
-            text = "Show all options and all that is said of them."
-            flag: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False}
-            self.params.append(click.Option(["--help-all"], help=text, callback=self._show, **flag))
-
-        def _show(self, ctx: click.Context, option: click.Parameter, wanted: bool) -> None:
-            """Print the whole help."""
-            if wanted and not ctx.resilient_parsing:
-                whole = base(self.name, params=self.params, help=(self.help or "").replace("\f", ""))
-                click.echo(whole.get_help(ctx))
-                ctx.exit()
-
-        def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-            """The first options, and where the others are."""
-            helps = {"--help", "--help-all"}
-            shown = [p for p in self.get_params(ctx) if p.name in first or helps & set(p.opts)]
-            records = [record for param in shown if (record := param.get_help_record(ctx)) is not None]
-            with formatter.section("Options that are needed first"):
-                formatter.write_dl([(flag, text.partition(". ")[0].rstrip(".")) for flag, text in records])
-            formatter.write_paragraph()
-            path = ctx.command_path
-            formatter.write_text(
-                f"Others: {path} --help-all; how a record is read and what is known of sensors: linkwise help reading."
-            )
-
-    return Screen
-
-
-def nmse_lines(result: Mapping[str, Any], title: str, indent: str = "  ") -> list[str]:
-    """The errors of forces of a document, in lines under a title; none where it was not compared with a truth."""
-    if "nmse_percent" not in result:
-        return []
-    errors = result["nmse_percent"].items()
-    texts = ((name, "undefined" if error is None else f"{error:.3g} %") for name, error in errors)
-    return [title, *(f"{indent}{name:{8 + len(indent)}} {text}" for name, text in texts)]

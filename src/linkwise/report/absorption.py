@@ -34,7 +34,8 @@ from linkwise.plot.absorptions import (
     trade_off,
 )
 from linkwise.plot.style import single
-from linkwise.report.page import Head, ResultFolder, Section, csv_table, sectioned
+from linkwise.report.folder import ResultFolder, Section, csv_table
+from linkwise.report.page import Head, sectioned
 from linkwise.report.response import amplitude_sections
 
 

@@ -37,7 +37,8 @@ from linkwise.plot.discoveries import departures, evidence_figure, path_figure
 from linkwise.plot.graphs import graph_figure
 from linkwise.plot.style import single
 from linkwise.report.estimate import estimate_figures, page_parts, write_numbers
-from linkwise.report.page import Reported, ResultFolder, Section, csv_table, rendered
+from linkwise.report.folder import Reported, ResultFolder, Section, csv_table
+from linkwise.report.page import rendered
 from linkwise.verdict import admit_intervals
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")

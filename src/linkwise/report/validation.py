@@ -23,7 +23,8 @@ from linkwise.plot.validations import (
     prediction_profile_figure,
     prediction_spectrum_figure,
 )
-from linkwise.report.page import Head, ResultFolder, Section, in_units_of_figures, sectioned
+from linkwise.report.folder import ResultFolder, Section
+from linkwise.report.page import Head, in_units_of_figures, sectioned
 
 
 def _sections(validation: Validation) -> dict[str, Section]:

@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -158,14 +159,12 @@ class _Queue:
         if kind is FailureKind.WORKER_DIED:
             self._deaths.update(cases)
         self._pending.extendleft(case for case in reversed(cases) if self._deaths[case] < _MOST_DEATHS)
-        return [_killed(self._study, case) for case in cases if self._deaths[case] >= _MOST_DEATHS]
-
-
-def _killed(study: Study, case: Case) -> CaseResult:
-    masses = study.subject(case.structure).structure.size
-    died = f"its worker process died {_MOST_DEATHS} times while running it"
-    reason = f"{died}: killed, out of memory, or crashed"
-    return CaseResult(failed_row(case, masses, reason, status=WORKER_DIED), 0.0)
+        died = f"its worker process died {_MOST_DEATHS} times while running it"
+        reason = f"{died}: killed, out of memory, or crashed"
+        lost = [case for case in cases if self._deaths[case] >= _MOST_DEATHS]
+        sizes = [self._study.subject(case.structure).structure.size for case in lost]
+        rows = map(partial(failed_row, reason=reason, status=WORKER_DIED), lost, sizes)
+        return [CaseResult(row, 0.0) for row in rows]
 
 
 MOST_CASES = 1_000_000  # kept in memory and in one file: years of computing time

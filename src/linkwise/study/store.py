@@ -54,7 +54,9 @@ class Store:
 
     def rows(self) -> list[Row]:
         """All rows, in no particular order."""
-        return _rows(self.database)
+        return [
+            msgspec.json.decode(text, type=Row) for (text,) in self.database.execute("SELECT row FROM rows")
+        ]
 
     def gather(self, study: Study) -> None:
         """Add what shards have in folders of their own; StudyError for one that is running, or of another definition."""
@@ -127,9 +129,8 @@ def read_rows(folder: str | Path) -> tuple[Row, ...]:
     >>> [row.seed for row in lw.study.read_rows("results/mine")]
     [1000, 1001]
     """
-    with _reading(Path(folder)) as database:
-        study = _stored(Path(folder), database)
-        return tuple(sorted(_rows(database), key=lambda row: study.sort_key(row.case)))
+    with _reading(Path(folder)) as (store, study):
+        return tuple(sorted(store.rows(), key=lambda row: study.sort_key(row.case)))
 
 
 def stored_study(folder: str | Path) -> Study:
@@ -156,8 +157,8 @@ def stored_study(folder: str | Path) -> Study:
     >>> len(lw.study.stored_study("results/mine"))
     2
     """
-    with _reading(Path(folder)) as database:
-        return _stored(Path(folder), database)
+    with _reading(Path(folder)) as (_, study):
+        return study
 
 
 @contextmanager
@@ -175,7 +176,8 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
+def _reading(folder: Path) -> Iterator[tuple[Store, Study]]:
+    """The store of a folder, for reading, and its study; StudyError where there is none."""
     missing = StudyError(f"the folder does not hold a study (no {DATABASE})", str(folder))
     if not (folder / DATABASE).is_file():
         raise missing
@@ -184,7 +186,8 @@ def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
             database.execute("PRAGMA query_only = ON")
             if _empty(database):
                 raise missing
-            yield database
+            study = build_study(_definition(database), str(folder / DATABASE), folder)
+            yield Store(folder, database), study
     except sqlite3.DatabaseError as error:
         raise _unreadable(folder, error) from error
 
@@ -228,10 +231,6 @@ def _entry(database: sqlite3.Connection, key: str) -> str:
     return str(row[0])
 
 
-def _stored(folder: Path, database: sqlite3.Connection) -> Study:
-    return build_study(_definition(database), str(folder / DATABASE), folder)
-
-
 def _unreadable(folder: Path, error: Exception) -> StudyError:
     return StudyError(f"not a study of linkwise, or damaged: {error}", str(folder / DATABASE))
 
@@ -251,7 +250,3 @@ def differences(before: Any, after: Any, path: str = "") -> list[str]:
         return []
     was, is_ = ("not given" if v is None else json.dumps(v, ensure_ascii=False) for v in (before, after))
     return [f"{path} was {was}, now {is_}" if len(was) + len(is_) <= _LONG else f"{path} has changed"]
-
-
-def _rows(database: sqlite3.Connection) -> list[Row]:
-    return [msgspec.json.decode(text, type=Row) for (text,) in database.execute("SELECT row FROM rows")]

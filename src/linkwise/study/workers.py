@@ -76,11 +76,7 @@ def run_batch(batch: CaseBatch) -> list[CaseResult]:
 
 def failed_row(case: Case, masses: int, reason: str, *, seconds: float = 0.0, status: str = FAILED) -> Row:
     """The row of a case without an answer."""
-    return row_of(case, masses, MethodResult(status=status, seconds=seconds, reason=" ".join(reason.split())))
-
-
-def row_of(case: Case, masses: int, result: MethodResult) -> Row:
-    """The row of a case with a result."""
+    result = MethodResult(status=status, seconds=seconds, reason=" ".join(reason.split()))
     return Row(**vars(case), masses=masses, **vars(result))
 
 
@@ -105,7 +101,7 @@ def _row(case: Case, masses: int, result: MethodResult) -> Row:
     if not all(map(math.isfinite, numbers)):
         reason = f"the answer is not finite. {result.reason}".strip()
         return failed_row(case, masses, reason, seconds=result.seconds)
-    return row_of(case, masses, result)
+    return Row(**vars(case), masses=masses, **vars(result))
 
 
 @lru_cache(maxsize=2)
@@ -326,12 +322,11 @@ class DaskExecutor(Executor):
                 f"no worker has connected to the scheduler within {_TIMEOUT:g} s; start some: dask worker {self._address}",
                 self._address,
             ) from error
-        self._executor = self._client.get_executor(pure=False)
+        self._executor: concurrent.futures.Executor = self._client.get_executor(pure=False)
         return self
 
     def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
-        future: Future[list[CaseResult]] = self._executor.submit(run_batch, batch)
-        return future
+        return self._executor.submit(run_batch, batch)
 
     def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
         died = isinstance(future.exception(), distributed.KilledWorker)
