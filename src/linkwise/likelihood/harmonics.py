@@ -40,8 +40,8 @@ _STEP = 0.25  # of a line's width, one over the duration, between frequencies th
 _AROUND = 8  # such steps on each side of a frequency that is stated
 _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
-# times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
-_ABOVE = 30.0
+# times that level from which a line is tested: noise behind a resonance that is narrow hardly reaches it
+_ABOVE = 20.0
 _STEADY = 0.85  # of the amplitude in the first half of a record: less in the second is no force that goes on
 FADING = "or, as it fades, a mode that the laws lack"
 """The remark on a line that does not go on through a record, which no harmonic force or hum explains."""
