@@ -40,8 +40,8 @@ _STEP = 0.25  # of a line's width, one over the duration, between frequencies th
 _AROUND = 8  # such steps on each side of a frequency that is stated
 _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
-# times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
-_ABOVE = 30.0
+# times that level from which a line is tested: noise behind a resonance that is narrow hardly reaches it
+_ABOVE = 20.0
 MAY_FADE = "or a mode that the laws lack: the record does not show that it goes on; state it if it is known, or add a mass"
 """The remark on a line that may fade as fast as the lightest damped mode of a structure does."""
 # damping ratio: welded and cast structures have 0.0005 and more, and what is held in a joint 0.002
