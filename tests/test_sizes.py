@@ -8,34 +8,34 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35772  # lines of all files of tests
+TESTS = 35652  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (11, 2210),
+    "absorption": (11, 2195),
     "analysis": (4, 482),
-    "cli": (20, 1843),
-    "discovery": (18, 3459),
+    "cli": (21, 1843),
+    "discovery": (18, 3461),
     "estimates": (8, 1453),
     "export": (9, 772),
     "expression": (6, 1068),
     "files": (14, 1941),
     "identification": (12, 2393),
     "inspection": (9, 1879),
-    "likelihood": (61, 13964),
+    "likelihood": (61, 13913),
     "modal": (5, 840),
     "model": (16, 2974),
     "paper": (3, 358),
     "plot": (12, 1810),
     "records": (9, 1455),
-    "report": (9, 1014),
+    "report": (11, 1032),
     "response": (13, 1847),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 942),
     "signals": (6, 837),
     "simulation": (9, 1617),
     "sindy": (9, 1036),
-    "study": (8, 1422),
-    "weak": (8, 1701),
+    "study": (9, 1403),
+    "weak": (8, 1693),
 }
 
 
