@@ -27,7 +27,7 @@ from linkwise.cli.options import (
     typed,
 )
 from linkwise.display import near_miss
-from linkwise.model import rotations
+from linkwise.model import link
 from linkwise.signals.force_window import with_force_windows
 from linkwise.verdict import Basis
 
@@ -157,7 +157,7 @@ class ReadingOptions:
                 without = "which the structure does not have; it is not used"
                 sentences.append(f"The mapping file states a mass {name}, {without}.")
             elif mass != "unknown":
-                own, stated = structure.mass(name), lw.Mass(name, *rotations.mass_in_si(mass))
+                own, stated = structure.mass(name), lw.Mass(name, *link.mass_in_si(mass))
                 if own.mass.known and (own.mass.value, own.unit) != (stated.mass.value, stated.unit):
                     sentences.append(
                         f"{name} weighs {stated.mass.value} {stated.mass_unit} in the mapping file and {own.mass.value} "
