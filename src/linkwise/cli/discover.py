@@ -16,7 +16,7 @@ from linkwise.cli.options import FILE, STRUCTURE, grouped, method_options, typed
 from linkwise.cli.reading_options import RecordOptions, record_options, tell_of_hosts
 from linkwise.cli.values import pairs, quantity
 from linkwise.discovery import terms as families
-from linkwise.model import link, rotations
+from linkwise.model import link
 from linkwise.output import RESULT
 
 EXAMPLE = "m1=1.0"
@@ -66,7 +66,7 @@ def mass_value(name: str, text: str) -> float | str:
     """A plain number, a text with a unit of inertia, or "unknown"; UsageError for anything else."""
     if text.strip() == "unknown":
         return "unknown"
-    return text if rotations.is_inertia(text) else quantity(text, "kg", f"--mass {name}")
+    return text if link.is_inertia(text) else quantity(text, "kg", f"--mass {name}")
 
 
 @click.command(

@@ -17,7 +17,6 @@ from linkwise.cli.console import deliver_structure, note, progress
 from linkwise.cli.options import FILE, grouped, typed
 from linkwise.cli.reading_options import ReadingOptions
 from linkwise.cli.values import pairs, percentage, quantity
-from linkwise.model import rotations
 
 # options that mean nothing for modes
 _OF_MATRICES = ("keep", "damping", "modal_damping", "rayleigh", "no_residual")
@@ -144,7 +143,7 @@ def host(
         new_host = _reduced(files, title, options).known_to_within(**sigmas)
     _tell_of_damping(new_host)
     units = pairs(options["units"], "--unit", "tip_r=rad")
-    new_host = rotations.with_units(new_host, units, _points(options))
+    new_host = new_host.with_units(units, _points(options))
     identified = {} if estimate is None else {"identified": estimate.to_dict()}
     deliver_structure(lw.Structure(title, (), (), (new_host,)), output, as_json=as_json, further=identified)
     if estimate is None:

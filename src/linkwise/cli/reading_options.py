@@ -18,7 +18,7 @@ from linkwise.cli.console import note
 from linkwise.cli.options import FILE, POSITIVE, grouped, typed
 from linkwise.cli.values import comma_separated, file_and_column, header_line, pairs, quantity
 from linkwise.display import near_miss
-from linkwise.model import rotations
+from linkwise.model import link
 from linkwise.signals.force_window import with_force_windows
 from linkwise.verdict import Basis
 
@@ -148,7 +148,7 @@ class ReadingOptions:
                 without = "which the structure does not have; it is not used"
                 sentences.append(f"The mapping file states a mass {name}, {without}.")
             elif mass != "unknown":
-                own, stated = structure.mass(name), lw.Mass(name, *rotations.mass_in_si(mass))
+                own, stated = structure.mass(name), lw.Mass(name, *link.mass_in_si(mass))
                 if own.mass.known and (own.mass.value, own.unit) != (stated.mass.value, stated.unit):
                     there, here = (f"{one.mass.value} {one.mass_unit}" for one in (stated, own))
                     sentences.append(

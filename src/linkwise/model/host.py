@@ -561,12 +561,3 @@ def with_modes(
         new_masses += own_masses
         new_links += own_links
     return (*new_masses, *masses), (*new_links, *links)
-
-
-def counted(hosts: tuple[Host, ...], masses: tuple[Mass, ...], links: tuple[Link, ...]) -> str:
-    """How many hosts, modes, masses and links there are, such as "2 masses, 2 links"; modes are not counted twice."""
-    modes = sum(len(host.modes) for host in hosts)
-    own_links = sum(len(host.parts()[1]) for host in hosts)
-    counts = [(len(hosts), "host", "hosts"), (modes, "mode", "modes")] if hosts else []
-    counts += [(len(masses) - modes, "mass", "masses"), (len(links) - own_links, "link", "links")]
-    return ", ".join(f"{count} {singular if count == 1 else plural}" for count, singular, plural in counts)

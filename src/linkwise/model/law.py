@@ -245,32 +245,6 @@ _ANGULAR = ({"d": RADIAN, "v": RADIAN / SECOND}, {"d": NONE, "v": NONE / SECOND}
 """An angle is a number where a law needs one, as in `k*sin(d)`."""
 
 
-def law_dimensions(
-    text: str,
-    expression: Expression,
-    states: Sequence[StateRate],
-    known: Mapping[str, Dimension],
-    *,
-    angular: bool = False,
-) -> dict[str, Dimension | None]:
-    """Dimension of each coefficient and state of a law, given some; None where any is consistent.
-
-    Raises LawError if none are consistent; it has the place where they disagree.
-    """
-    rates = {rate.name: rate.expression for rate in states}
-    force = NEWTON * METRE if angular else NEWTON
-    conflicts = []
-    for variables in _ANGULAR if angular else _LINEAR:
-        try:
-            return infer(expression, variables, force, rates=rates, known=known)
-        except UnitConflict as error:
-            conflicts.append(error)
-    first = conflicts[0]
-    faulty = (text, *(rate.text for rate in states))[first.equation]
-    place = parse_with_positions(faulty, (*VARIABLES, *rates, *known)).position(first.part)
-    raise LawError(first.reason, faulty, place, "Give each term a coefficient of its own.") from None
-
-
 class Partials(NamedTuple):
     """The force of a law and its partial derivatives, all of the broadcast shape of d, v and the coefficients.
 
@@ -491,8 +465,39 @@ class Law:
             return dict(self.declared)
         known = {rate.name: unit_dimension(rate.unit) for rate in self.rates if rate.unit}
         known |= {name: unit_dimension(unit) for name, unit in self.signal_units}
-        dimensions = law_dimensions(self.text, self.expression, self.rates, known, angular=self.angular)
-        return {name: "?" if dimension is None else str(dimension) for name, dimension in dimensions.items()}
+        dimensions = self.dimensions(known).items()
+        return {name: "?" if dimension is None else str(dimension) for name, dimension in dimensions}
+
+    def dimensions(self, known: Mapping[str, Dimension]) -> dict[str, Dimension | None]:
+        """Dimension of each coefficient and state, given those of some.
+
+        Parameters
+        ----------
+        known : mapping of str to Dimension
+            The dimensions that are stated.
+
+        Returns
+        -------
+        dict of str to Dimension or None
+            All of them; None where any is consistent.
+
+        Raises
+        ------
+        LawError
+            If none are consistent; it has the place where they disagree.
+        """
+        rates = {rate.name: rate.expression for rate in self.rates}
+        force = NEWTON * METRE if self.angular else NEWTON
+        conflicts = []
+        for variables in _ANGULAR if self.angular else _LINEAR:
+            try:
+                return infer(self.expression, variables, force, rates=rates, known=known)
+            except UnitConflict as error:
+                conflicts.append(error)
+        first = conflicts[0]
+        faulty = (self.text, *(rate.text for rate in self.rates))[first.equation]
+        place = parse_with_positions(faulty, (*VARIABLES, *rates, *known)).position(first.part)
+        raise LawError(first.reason, faulty, place, "Give each term a coefficient of its own.") from None
 
     @cached_property
     def elastic(self) -> Expression:

@@ -148,86 +148,6 @@ def real_square(matrix: Matrix, what: str, where: str = "") -> scipy.sparse.csc_
     return by_columns
 
 
-def _check_matrices(matrices: HostMatrices) -> None:
-    """Raise StructureError for what cannot be reduced."""
-    mass, stiffness, size = matrices.mass, matrices.stiffness, matrices.mass.shape[0]
-    others = {"stiffness": stiffness} | ({} if matrices.damping is None else {"damping": matrices.damping})
-    for quantity, matrix in others.items():
-        if mass.shape != matrix.shape:
-            raise StructureError(
-                f"the mass matrix has {size} rows and the {quantity} matrix {matrix.shape[0]}; they belong to different models"
-            )
-    for quantity, matrix in {"mass": mass, **others}.items():
-        largest = float(np.abs(matrix.data).max(initial=0.0))
-        skew = scipy.sparse.coo_array(matrix - matrix.T)
-        if float(np.abs(skew.data).max(initial=0.0)) > 1e-6 * largest:
-            worst = int(np.argmax(np.abs(skew.data)))
-            row, column = (int(places[worst]) for places in skew.coords)
-            raise StructureError(
-                f"the {quantity} matrix is not symmetric: row {row + 1} and column {column + 1} hold "
-                f"{matrix[row, column]:.6g}, row {column + 1} and column {row + 1} {matrix[column, row]:.6g}; a host is a "
-                "linear structure that conserves energy. If the file has one triangle only, add the other"
-            )
-    of_mass, of_stiffness = mass.diagonal(), stiffness.diagonal()
-    if (of_mass < 0.0).any() or not of_mass.any():
-        raise StructureError(
-            "the mass matrix must be positive semidefinite, and has a negative mass or none: check that mass and stiffness "
-            "are not swapped"
-        )
-    for loose in np.flatnonzero((of_mass == 0.0) & (of_stiffness <= 0.0))[:1]:
-        named = f"row {matrices.names[loose]}" if matrices.names[loose].isdecimal() else matrices.names[loose]
-        message = f"{named} has neither mass nor stiffness: leave this degree of freedom out, or constrain it"
-        raise StructureError(message)
-    fastest = _fastest(mass, stiffness)
-    if 0.0 < fastest < _SLOWEST:
-        raise StructureError(
-            f"with these matrices nothing moves faster than about {np.sqrt(fastest) / (2.0 * np.pi):.2g} Hz: mass and "
-            "stiffness may be swapped, the mass matrix being the first of the two, or in units that are not of one system"
-        )
-
-
-def _fastest(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> float:
-    """The largest stiffness over mass of a degree of freedom with mass."""
-    of_mass = mass.diagonal()
-    return float(np.max(stiffness.diagonal()[of_mass > 0.0] / of_mass[of_mass > 0.0]))
-
-
-def _lowest(
-    mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array, keep: int
-) -> tuple[Floats, Floats]:
-    """Squares (k,) of the angular frequencies of the lowest modes and one more, and mass-normalised shapes (n, k)."""
-    size, with_mass = mass.shape[0], int(np.count_nonzero(mass.diagonal()))
-    count = min(keep + 1, with_mass)
-    shift = -_SHIFT * float(stiffness.diagonal().sum() / mass.diagonal().sum())
-    try:
-        if size <= _DENSE and with_mass == size:
-            lowest = (0, count - 1)
-            squares, shapes = scipy.linalg.eigh(stiffness.toarray(), mass.toarray(), subset_by_index=lowest)
-        elif size <= _DENSE:  # 1/(w^2 - shift) exists where the mass matrix is singular
-            inverses, shapes = scipy.linalg.eigh(
-                mass.toarray(), (stiffness - shift * mass).toarray(), subset_by_index=(size - count, size - 1)
-            )
-            squares = 1.0 / inverses + shift
-        else:
-            inverse = scipy.sparse.linalg.LinearOperator(mass.shape, _factor(stiffness - shift * mass).solve)
-            start = np.ones(mass.shape[0])  # eigsh draws one at random otherwise
-            how: dict[str, Any] = {"sigma": shift, "which": "LM", "v0": start, "OPinv": inverse}
-            squares, shapes = scipy.sparse.linalg.eigsh(stiffness, count, mass, **how)
-    except (np.linalg.LinAlgError, RuntimeError) as error:
-        raise StructureError(
-            f"the modes of the matrices cannot be computed ({error}); the mass matrix must be positive definite, and "
-            "may be swapped with the stiffness"
-        ) from None
-    order = np.argsort(squares)
-    squares, shapes = squares[order], shapes[:, order]
-    rounding = _ROUNDING * _fastest(mass, stiffness)
-    squares = np.where(np.abs(squares) < rounding, 0.0, squares)
-    if (squares < 0.0).any():
-        problem = "the stiffness matrix has negative eigenvalues"
-        raise StructureError(f"{problem}: the structure it describes is not stable")
-    return squares, shapes / np.sqrt(np.einsum("ir,ir->r", shapes, mass @ shapes))
-
-
 def _factor(matrix: scipy.sparse.csc_array) -> scipy.sparse.linalg.SuperLU:
     """LU factors of a symmetric matrix, ordered and pivoted as one."""
     how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.1, "options": {"SymmetricMode": True}}
@@ -236,47 +156,6 @@ def _factor(matrix: scipy.sparse.csc_array) -> scipy.sparse.linalg.SuperLU:
     except RuntimeError as error:
         problem = f"the matrices cannot be factorised ({error})"
         raise StructureError(f"{problem}; a degree of freedom is not constrained") from None
-
-
-def _residual_modes(
-    mass: scipy.sparse.csc_array,
-    stiffness: scipy.sparse.csc_array,
-    squares: Floats,
-    shapes: Floats,
-    at_points: Floats,
-    following: float,
-) -> tuple[Floats, Floats]:
-    """Squares (p,) and shapes (n, p) of modes with the flexibility at the points that the kept modes lack."""
-    shift = 0.0
-    if (squares == 0.0).any():
-        shift = _SOFT * float(min(squares[squares > 0.0], default=following))
-    static = _factor(stiffness + shift * mass).solve(at_points)
-    static -= shapes @ ((shapes.T @ at_points) / (squares + shift)[:, None])
-    static -= shapes @ (shapes.T @ (mass @ static))  # rounding
-    of_mass, of_stiffness = static.T @ (mass @ static), static.T @ (stiffness @ static)
-    scale = np.sqrt(of_mass.diagonal())
-    scale[scale == 0.0] = 1.0
-    values, vectors = np.linalg.eigh(of_mass / np.outer(scale, scale))
-    basis = (vectors / scale[:, None])[:, values > _RESIDUAL * values.max()]
-    reduced = scipy.linalg.eigh(basis.T @ of_stiffness @ basis, basis.T @ of_mass @ basis)
-    return np.asarray(reduced[0]), np.asarray(static @ basis @ reduced[1])
-
-
-def _modal_damping(
-    frequencies: Floats, shapes: Floats, damping: float | tuple[float, float] | scipy.sparse.csc_array
-) -> tuple[Floats, float, dict[Pair, Coefficient]]:
-    """What `_of_damping_matrix` gives, of modes with these frequencies (k,) and shapes (n, k): by the ratio of every mode,
-    by factors of a matrix a M + b K, or by a damping matrix (n, n).
-    """
-    if isinstance(damping, int | float):
-        return np.full(len(frequencies), damping), 0.0, {}
-    if not isinstance(damping, tuple):
-        return _of_damping_matrix(frequencies, shapes.T @ (damping @ shapes))
-    omega = 2.0 * np.pi * frequencies
-    if (omega == 0.0).any() and damping[0] != 0.0:
-        message = "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
-        raise StructureError(message)
-    return 0.5 * (damping[0] / np.where(omega > 0.0, omega, 1.0) + damping[1] * omega), 0.0, {}
 
 
 def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, float, dict[Pair, Coefficient]]:
@@ -464,37 +343,155 @@ class HostMatrices:
             raise StructureError(f"a host needs at least one point: {advice}")
         if keep < 1:
             raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
-        _check_matrices(self)
-        mass, stiffness = self.mass, self.stiffness
+        self._check()
         at_points = np.zeros((len(self.names), len(points)))
         for column, (point, given) in enumerate(points.items()):
             for row, weight in self._weights(point, str(given)).items():
                 at_points[row, column] = weight
-        massless = int(np.count_nonzero(mass.diagonal() == 0.0))
+        massless = int(np.count_nonzero(self.mass.diagonal() == 0.0))
         keep = min(keep, max(len(self.names) - massless - 1, 1))
-        squares, shapes = _lowest(mass, stiffness, keep)
+        squares, shapes = self._lowest(keep)
         following = float(squares[keep]) if len(squares) > keep else 4.0 * float(squares[-1])
         squares, shapes = squares[:keep], shapes[:, :keep]
         kept = len(squares)
         if residual:
-            more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
+            more, attached = self._residual_modes(squares, shapes, at_points, following)
             squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
         frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
-        damping = next(given for given in (rayleigh, self.damping, modal_damping) if given is not None)
-        ratios, coupling, between = _modal_damping(frequencies, shapes, damping)
+        ratios, coupling, between = self._modal_damping(frequencies, shapes, modal_damping, rayleigh)
         local = at_points.T @ shapes
         modes = tuple(
             HostMode(frequency, ratio, dict(zip(points, column, strict=True)))
             for frequency, ratio, *column in np.column_stack([frequencies, ratios, local.T]).tolist()
         )
         square = _apart(0.5 * np.sqrt(following), np.sqrt(np.maximum(squares, 0.0))) ** 2
-        exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
+        exact = at_points.T @ _factor(self.stiffness - square * self.mass).solve(at_points)
         approximate = (local / (squares - square)) @ local.T
         error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
         turning = {point: ANGLE for point, given in points.items() if _turns_throughout(str(given))}
         host, band = Host(name, modes, damping=between), float(np.sqrt(square) / (2.0 * np.pi))
         others = kept, band, error, coupling, self.total_mass, massless
         return HostReduction(host.with_units(turning), *others)
+
+    def _check(self) -> None:
+        """Raise StructureError for what cannot be reduced."""
+        mass, size = self.mass, self.mass.shape[0]
+        others = {"stiffness": self.stiffness} | ({} if self.damping is None else {"damping": self.damping})
+        for quantity, matrix in others.items():
+            if mass.shape != matrix.shape:
+                raise StructureError(
+                    f"the mass matrix has {size} rows and the {quantity} matrix {matrix.shape[0]}; they belong to different "
+                    "models"
+                )
+        for quantity, matrix in {"mass": mass, **others}.items():
+            largest = float(np.abs(matrix.data).max(initial=0.0))
+            skew = scipy.sparse.coo_array(matrix - matrix.T)
+            if float(np.abs(skew.data).max(initial=0.0)) > 1e-6 * largest:
+                worst = int(np.argmax(np.abs(skew.data)))
+                row, column = (int(places[worst]) for places in skew.coords)
+                raise StructureError(
+                    f"the {quantity} matrix is not symmetric: row {row + 1} and column {column + 1} hold "
+                    f"{matrix[row, column]:.6g}, row {column + 1} and column {row + 1} {matrix[column, row]:.6g}; a host is a "
+                    "linear structure that conserves energy. If the file has one triangle only, add the other"
+                )
+        of_mass, of_stiffness = mass.diagonal(), self.stiffness.diagonal()
+        if (of_mass < 0.0).any() or not of_mass.any():
+            raise StructureError(
+                "the mass matrix must be positive semidefinite, and has a negative mass or none: check that mass and "
+                "stiffness are not swapped"
+            )
+        for loose in np.flatnonzero((of_mass == 0.0) & (of_stiffness <= 0.0))[:1]:
+            named = f"row {self.names[loose]}" if self.names[loose].isdecimal() else self.names[loose]
+            message = (
+                f"{named} has neither mass nor stiffness: leave this degree of freedom out, or constrain it"
+            )
+            raise StructureError(message)
+        if 0.0 < self._fastest < _SLOWEST:
+            raise StructureError(
+                f"with these matrices nothing moves faster than about {np.sqrt(self._fastest) / (2.0 * np.pi):.2g} Hz: mass "
+                "and stiffness may be swapped, the mass matrix being the first of the two, or in units that are not of one "
+                "system"
+            )
+
+    @property
+    def _fastest(self) -> float:
+        """The largest stiffness over mass of a degree of freedom with mass."""
+        of_mass = self.mass.diagonal()
+        return float(np.max(self.stiffness.diagonal()[of_mass > 0.0] / of_mass[of_mass > 0.0]))
+
+    def _lowest(self, keep: int) -> tuple[Floats, Floats]:
+        """Squares (k,) of the angular frequencies of the lowest modes and one more, and mass-normalised shapes (n, k)."""
+        mass, stiffness = self.mass, self.stiffness
+        size, with_mass = mass.shape[0], int(np.count_nonzero(mass.diagonal()))
+        count = min(keep + 1, with_mass)
+        shift = -_SHIFT * float(stiffness.diagonal().sum() / mass.diagonal().sum())
+        try:
+            if size <= _DENSE and with_mass == size:
+                lowest = (0, count - 1)
+                squares, shapes = scipy.linalg.eigh(
+                    stiffness.toarray(), mass.toarray(), subset_by_index=lowest
+                )
+            elif size <= _DENSE:  # 1/(w^2 - shift) exists where the mass matrix is singular
+                inverses, shapes = scipy.linalg.eigh(
+                    mass.toarray(),
+                    (stiffness - shift * mass).toarray(),
+                    subset_by_index=(size - count, size - 1),
+                )
+                squares = 1.0 / inverses + shift
+            else:
+                inverse = scipy.sparse.linalg.LinearOperator(
+                    mass.shape, _factor(stiffness - shift * mass).solve
+                )
+                start = np.ones(mass.shape[0])  # eigsh draws one at random otherwise
+                how: dict[str, Any] = {"sigma": shift, "which": "LM", "v0": start, "OPinv": inverse}
+                squares, shapes = scipy.sparse.linalg.eigsh(stiffness, count, mass, **how)
+        except (np.linalg.LinAlgError, RuntimeError) as error:
+            raise StructureError(
+                f"the modes of the matrices cannot be computed ({error}); the mass matrix must be positive definite, and "
+                "may be swapped with the stiffness"
+            ) from None
+        order = np.argsort(squares)
+        squares, shapes = squares[order], shapes[:, order]
+        rounding = _ROUNDING * self._fastest
+        squares = np.where(np.abs(squares) < rounding, 0.0, squares)
+        if (squares < 0.0).any():
+            problem = "the stiffness matrix has negative eigenvalues"
+            raise StructureError(f"{problem}: the structure it describes is not stable")
+        return squares, shapes / np.sqrt(np.einsum("ir,ir->r", shapes, mass @ shapes))
+
+    def _residual_modes(
+        self, squares: Floats, shapes: Floats, at_points: Floats, following: float
+    ) -> tuple[Floats, Floats]:
+        """Squares (p,) and shapes (n, p) of modes with the flexibility at the points that the kept modes lack."""
+        mass, stiffness, shift = self.mass, self.stiffness, 0.0
+        if (squares == 0.0).any():
+            shift = _SOFT * float(min(squares[squares > 0.0], default=following))
+        static = _factor(stiffness + shift * mass).solve(at_points)
+        static -= shapes @ ((shapes.T @ at_points) / (squares + shift)[:, None])
+        static -= shapes @ (shapes.T @ (mass @ static))  # rounding
+        of_mass, of_stiffness = static.T @ (mass @ static), static.T @ (stiffness @ static)
+        scale = np.sqrt(of_mass.diagonal())
+        scale[scale == 0.0] = 1.0
+        values, vectors = np.linalg.eigh(of_mass / np.outer(scale, scale))
+        basis = (vectors / scale[:, None])[:, values > _RESIDUAL * values.max()]
+        reduced = scipy.linalg.eigh(basis.T @ of_stiffness @ basis, basis.T @ of_mass @ basis)
+        return np.asarray(reduced[0]), np.asarray(static @ basis @ reduced[1])
+
+    def _modal_damping(
+        self, frequencies: Floats, shapes: Floats, ratio: float, rayleigh: tuple[float, float] | None
+    ) -> tuple[Floats, float, dict[Pair, Coefficient]]:
+        """What `_of_damping_matrix` gives, of modes with these frequencies (k,) and shapes (n, k): by the damping matrix, by
+        factors of a matrix a M + b K, or by the ratio of every mode.
+        """
+        if self.damping is not None:
+            return _of_damping_matrix(frequencies, shapes.T @ (self.damping @ shapes))
+        if rayleigh is None:
+            return np.full(len(frequencies), ratio), 0.0, {}
+        omega = 2.0 * np.pi * frequencies
+        if (omega == 0.0).any() and rayleigh[0] != 0.0:
+            message = "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
+            raise StructureError(message)
+        return 0.5 * (rayleigh[0] / np.where(omega > 0.0, omega, 1.0) + rayleigh[1] * omega), 0.0, {}
 
     def _weights(self, point: str, given: str) -> dict[int, float]:
         """Factors of rows, counted from 0, of which a point is the sum."""

@@ -32,7 +32,7 @@ from linkwise.model.coefficient import (
     index_of,
     quoted,
 )
-from linkwise.model.host import Host, counted, is_between_modes, rotations_of, with_modes
+from linkwise.model.host import Host, is_between_modes, rotations_of, with_modes
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, in_units_of_ends
 from linkwise.model.parameters import (
@@ -242,35 +242,6 @@ class Topology:
         return incidence
 
 
-def check_ends(mass_names: Sequence[str], places: Sequence[str], links: Sequence[Link]) -> None:
-    """Raise StructureError for an unknown end, or a mass without a link; `places` are masses that are no modes, and points."""
-    links = [link for link in links if not is_between_modes(link.name)]
-    supports = [link for link in links if set(link.between) <= {GROUND, BASE}]
-    if supports and mass_names:
-        first, second = supports[0].between
-        raise StructureError(
-            f'at least one end must be a mass, got "{first}" and "{second}"; a link between these needs a '
-            "structure without masses, a rig",
-            f'link "{supports[0].name}"',
-        )
-    names = {*mass_names, *places}
-    linked: set[str] = set()
-    for link in links:
-        for end in link.between:
-            if end not in names and end not in (GROUND, BASE):
-                kinds = "masses" if names == set(mass_names) else "masses and points"
-                raise StructureError(
-                    f'unknown end "{end}"{near_miss(end, [*places, GROUND, BASE])}; an end is "ground", "base" or one of the '
-                    f"{kinds} {quoted(places)}",
-                    f'link "{link.name}"',
-                )
-        linked.update(link.between)
-    loose = [name for name in mass_names if name not in linked]
-    if loose:
-        problem = "no link has it as an end; add a link or remove the mass"
-        raise StructureError(problem, f"mass {quoted(loose)}")
-
-
 _MOST = 40  # masses or links that are shown
 
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
@@ -342,7 +313,33 @@ class Structure(NotebookView):
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
 
     def _check_ends(self) -> None:
-        check_ends(self.mass_names, self.places, self.links)
+        """Raise StructureError for an unknown end, or a mass without a link."""
+        mass_names, places = self.mass_names, self.places
+        links = [link for link in self.links if not is_between_modes(link.name)]
+        supports = [link for link in links if set(link.between) <= {GROUND, BASE}]
+        if supports and mass_names:
+            first, second = supports[0].between
+            raise StructureError(
+                f'at least one end must be a mass, got "{first}" and "{second}"; a link between these needs a '
+                "structure without masses, a rig",
+                f'link "{supports[0].name}"',
+            )
+        names = {*mass_names, *places}
+        linked: set[str] = set()
+        for link in links:
+            for end in link.between:
+                if end not in names and end not in (GROUND, BASE):
+                    kinds = "masses" if names == set(mass_names) else "masses and points"
+                    raise StructureError(
+                        f'unknown end "{end}"{near_miss(end, [*places, GROUND, BASE])}; an end is "ground", "base" or one of '
+                        f"the {kinds} {quoted(places)}",
+                        f'link "{link.name}"',
+                    )
+            linked.update(link.between)
+        loose = [name for name in mass_names if name not in linked]
+        if loose:
+            problem = "no link has it as an end; add a link or remove the mass"
+            raise StructureError(problem, f"mass {quoted(loose)}")
 
     @cached_property
     def _slots(self) -> dict[str, CoefficientSlot]:
@@ -379,8 +376,14 @@ class Structure(NotebookView):
 
     @property
     def contents(self) -> str:
-        """How many hosts, masses and links there are, such as "2 masses, 2 links"."""
-        return counted(self.hosts, self.masses, self.links)
+        """How many hosts, modes, masses and links there are, such as "2 masses, 2 links"; modes are not counted twice."""
+        modes = sum(len(host.modes) for host in self.hosts)
+        links = len(self.links) - sum(len(host.parts()[1]) for host in self.hosts)
+        counts = [(len(self.hosts), "host", "hosts"), (modes, "mode", "modes")] if self.hosts else []
+        counts += [(self.size - modes, "mass", "masses"), (links, "link", "links")]
+        return ", ".join(
+            f"{count} {singular if count == 1 else plural}" for count, singular, plural in counts
+        )
 
     @property
     def points(self) -> tuple[str, ...]:

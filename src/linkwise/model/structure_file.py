@@ -28,7 +28,7 @@ from linkwise.expression.dimensions import Dimension
 from linkwise.model.coefficient import Coefficient, coefficient_of
 from linkwise.model.host import Host, rotations_of
 from linkwise.model.host_file import HostTable, host_of
-from linkwise.model.law import Law, LinkState, law_dimensions, unit_dimension
+from linkwise.model.law import Law, LinkState, unit_dimension
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass, is_inertia
 from linkwise.model.named_laws import NamedLaw, is_law_name, named_law
 from linkwise.model.structure import Structure
@@ -82,7 +82,7 @@ def link_of(
         open_states = [name for name, unit in law.state_units.items() if unit == "?"] if stated else []
         if open_states:  # the units of coefficients tell them
             known |= stated
-            inferred = law_dimensions(law.text, law.expression, law.rates, known, angular=angular)
+            inferred = law.dimensions(known)
             units_of = {name: str(inferred[name]) for name in open_states if inferred[name]}
             states |= {name: replace(states[name], unit=unit) for name, unit in units_of.items()}
             law = _law(law.text, tuple(states.items()), angular, inputs)

@@ -18,8 +18,17 @@ from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
 from linkwise.errors import RecordError, expect
 from linkwise.model.coefficient import Text
-from linkwise.records.channel import COMMON, MOTIONS, OF_CHANNELS, Channel, ClippedSamples, SensorUncertainty
-from linkwise.records.sample_checks import check_stated, check_values, require_channel
+from linkwise.records.channel import (
+    COMMON,
+    HELD,
+    INTERPOLATIONS,
+    MOTIONS,
+    OF_CHANNELS,
+    Channel,
+    ClippedSamples,
+    SensorUncertainty,
+)
+from linkwise.records.sample_checks import check_values, require_channel
 from linkwise.records.timeline import EDGE, lowpass_for, sampled_columns, sampled_every
 
 if TYPE_CHECKING:
@@ -291,11 +300,41 @@ class Record(NotebookView):
             for name in getattr(self, stated):
                 if (stated, name) != ("uncertainty", COMMON):
                     require_channel(name, self.channels, OF_CHANNELS[stated].label)
-        check_stated(self.channels, self.noise, self.interpolation, self.clipped)
+        self._check_stated()
         common = self.uncertainty.get(COMMON, SensorUncertainty())
         if common.offset or common.delay:
             raise RecordError("sensors share a gain, not an offset or a delay", channel=COMMON)
         check_values(self.start, self.rate, self.channels, self.values)
+
+    def _check_stated(self) -> None:
+        """Raise RecordError for a channel that is listed twice, and for noise, interpolation or clipped samples that are not
+        valid, or not of a channel of that kind.
+        """
+        for number, name in enumerate(self.channels):
+            if name in self.channels[:number]:
+                raise RecordError("is listed twice", channel=name)
+        for measured, sigma in self.noise.items():
+            if not (np.isfinite(sigma) and sigma >= 0.0):
+                raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=measured)
+        for driving, kind in self.interpolation.items():
+            if driving not in self.inputs:
+                listed = ", ".join(self.inputs) or "there are none"
+                wrong = f"an interpolation is given for a channel that is not an input of the record; inputs: {listed}"
+            elif kind not in INTERPOLATIONS:
+                wrong = f"unknown interpolation {kind!r}; choose from {', '.join(INTERPOLATIONS)}"
+            elif kind == HELD and driving.endswith(":base"):
+                wrong = "a base does not jump from sample to sample; choose linear or band-limited"
+            else:
+                continue
+            raise RecordError(wrong, channel=driving)
+        for overloaded, samples in self.clipped.items():
+            if not isinstance(samples, ClippedSamples):
+                raise RecordError(f"clipped samples of {overloaded} are ClippedSamples, got {samples!r}")
+            if overloaded in self.inputs:
+                message = (
+                    "is an input, of which clipped samples cannot be bounds: an input is known at all times"
+                )
+                raise RecordError(f"{overloaded} {message}")
 
     @classmethod
     def from_arrays(

@@ -4,7 +4,7 @@ responses that say something, inputs without gaps; an error names the file, the 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, stretches
 from linkwise.errors import IdentificationError, RecordError
-from linkwise.records.channel import HELD, INTERPOLATIONS, Channel, ClippedSamples
+from linkwise.records.channel import Channel
 
 FASTEST = 1e30  # Hz, and its inverse the slowest rate: accelerations of such records stay finite
 LARGEST = 1e100  # in any unit: products of four larger values are not finite
@@ -39,41 +39,6 @@ class Rows(NamedTuple):
 
 
 NOWHERE = Rows()
-
-
-def check_stated(
-    channels: Sequence[Channel],
-    noise: Mapping[str, float],
-    interpolation: Mapping[str, str],
-    clipped: Mapping[str, object],
-) -> None:
-    """Raise RecordError for a channel that is listed twice, and for noise, interpolation or clipped samples that are not
-    valid, or not of a channel of that kind.
-    """
-    for number, name in enumerate(channels):
-        if name in channels[:number]:
-            raise RecordError("is listed twice", channel=name)
-    for measured, sigma in noise.items():
-        if not (np.isfinite(sigma) and sigma >= 0.0):
-            raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=measured)
-    inputs = [name for name in channels if name.is_input]
-    for driving, kind in interpolation.items():
-        if driving not in inputs:
-            listed = ", ".join(inputs) or "there are none"
-            wrong = f"an interpolation is given for a channel that is not an input of the record; inputs: {listed}"
-        elif kind not in INTERPOLATIONS:
-            wrong = f"unknown interpolation {kind!r}; choose from {', '.join(INTERPOLATIONS)}"
-        elif kind == HELD and driving.endswith(":base"):
-            wrong = "a base does not jump from sample to sample; choose linear or band-limited"
-        else:
-            continue
-        raise RecordError(wrong, channel=driving)
-    for overloaded, samples in clipped.items():
-        if not isinstance(samples, ClippedSamples):
-            raise RecordError(f"clipped samples of {overloaded} are ClippedSamples, got {samples!r}")
-        if overloaded in inputs:
-            message = f"{overloaded} is an input, of which clipped samples cannot be bounds: an input is known at all times"
-            raise RecordError(message)
 
 
 def check_rate(rate: float, file: str | None = None) -> None:

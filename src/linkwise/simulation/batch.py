@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.simulation.integrator.formulas import SCALE, BatchIntegrator, ParameterLayout, compiled_system
+from linkwise.simulation.integrator.formulas import SCALE, CompiledSystem, compiled_system
 from linkwise.simulation.run import FARTHEST, MOST_STEPS, RunSchedule, run_time_parameters
 
 LANES = 4  # numbers in a register of most processors; with more, all lanes wait for the slowest
@@ -50,13 +50,12 @@ def run_batch(schedules: Sequence[RunSchedule], levels: Sequence[Floats]) -> Bat
     watched = tuple(link for link, array in enumerate(levels) for _ in range(array.shape[1]))
     all_levels = np.concatenate([np.where(np.isnan(array), _NEVER, array) for array in levels], axis=1)
     system = compiled_system(schedules[0].shape)
-    integrator = system.batch(LANES, watched)
     completed = np.ones(len(schedules), dtype=bool)
     while True:
         runs = np.flatnonzero(completed)
         lanes = np.resize(runs, LANES)  # an empty lane repeats a completed run
         own = [schedules[run] for run in lanes.tolist()]
-        batch = _Batch(integrator, system.layout, own, all_levels[lanes])
+        batch = _Batch(system, watched, own, all_levels[lanes])
         failed = batch.run()[: len(runs)]
         completed[runs[failed]] = False
         if failed.all() or not failed.any():
@@ -68,15 +67,18 @@ class _Batch:
 
     def __init__(
         self,
-        integrator: BatchIntegrator,
-        layout: ParameterLayout,
+        system: CompiledSystem,
+        watched: tuple[int, ...],
         schedules: Sequence[RunSchedule],
         levels: Floats,
     ) -> None:
-        self.integrator, self.layout, self.schedules = integrator, layout, schedules
+        self.schedules, self.layout = schedules, system.layout
+        self.integrator = integrator = system.batch(LANES, watched)
         schedule = schedules[0]
         self.size, self.times = schedule.structure.size, schedule.times
-        parameters = np.stack([run_time_parameters(lane.structure, layout) for lane in schedules], axis=1)
+        parameters = np.stack(
+            [run_time_parameters(lane.structure, self.layout) for lane in schedules], axis=1
+        )
         state = np.zeros_like(integrator.state)
         state[: 2 * self.size] = np.stack([lane.start for lane in schedules], axis=1) / SCALE
         integrator.place(state, np.concatenate([parameters, levels.T]))

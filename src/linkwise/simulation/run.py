@@ -39,6 +39,7 @@ from linkwise.simulation.integrator.formulas import (
     Outcome,
     ParameterLayout,
     Placement,
+    StepRule,
     SystemShape,
     Time,
     compiled_system,
@@ -501,10 +502,8 @@ class _Run:
             wanted = self.times[self.next : min(limit, self.before_interruption())]
             stops = np.empty(len(wanted) + 1)
             stops[:-1], stops[-1] = wanted, end
-            most, longest = self.step_limit(), self.options.longest_step
-            result = self.integrator.propagate(
-                stops, most_steps=most, longest_step=longest, log=self.options.log
-            )
+            rule = StepRule(self.step_limit(), self.options.longest_step, self.options.log)
+            result = self.integrator.propagate(stops, rule)
             self.steps += result.steps
             reached = result.states[: len(wanted)]
             self.store(reached)
@@ -596,7 +595,7 @@ class _Run:
         passed = passed[passed > start]
         smooth = self.system.without_events
         smooth.place(Placement(start, placement.state, choice.parameters))
-        result = smooth.propagate(np.append(passed, choice.time))
+        result = smooth.propagate(np.append(passed, choice.time), StepRule())
         self.store(result.states[: len(passed)])
         self.integrator.place(Placement(choice.time, smooth.state, choice.parameters))
 
@@ -634,7 +633,7 @@ class _Run:
         integrator.place(Placement(start, state, parameters))
         for _ in range(_SEARCH):
             time, state = float(integrator.time), integrator.state
-            outcome = integrator.propagate(self.schedule.stops[-1:], most_steps=1).outcome
+            outcome = integrator.propagate(self.schedule.stops[-1:], StepRule(most=1)).outcome
             if outcome in (Outcome.DONE, Outcome.NOT_FINITE) or not np.isfinite(integrator.state).all():
                 break
         state = np.asarray(state * SCALE, dtype=float)

@@ -27,6 +27,7 @@ from linkwise.simulation.integrator.formulas import (
     Outcome,
     Placement,
     Propagation,
+    StepRule,
     SystemShape,
 )
 
@@ -110,19 +111,12 @@ class DormandPrince:
     def add_to_state(self, jump: NDArray[Any]) -> None:
         self.state = self.state + jump
 
-    def propagate(
-        self,
-        times: NDArray[Any],
-        *,
-        most_steps: int = 0,
-        longest_step: float = np.inf,
-        log: list[float] | None = None,
-    ) -> Propagation:
+    def propagate(self, times: NDArray[Any], rule: StepRule) -> Propagation:
         times = np.asarray(times, dtype=float)
         states, reached, steps = np.empty((len(times), len(self.state))), 0, 0
-        solver = self._solver(float(times[-1]), longest_step)
+        solver = self._solver(float(times[-1]), rule.longest)
         while solver is not None and solver.status == "running":
-            if most_steps and steps == most_steps:
+            if rule.most and steps == rule.most:
                 return Propagation(states[:reached], steps, Outcome.STEP_LIMIT)
             if not _stepped(solver):
                 return Propagation(states[:reached], steps, Outcome.NOT_FINITE)
@@ -134,8 +128,8 @@ class DormandPrince:
             kink = self._first_kink(solver.t_old, solver.t, dense) if watched else None
             if dense is not None and kink is not None:
                 self.time, self.state = kink, dense(kink)
-            if log is not None:
-                log.append(self.time)
+            if rule.log is not None:
+                rule.log.append(self.time)
             passed = int(np.searchsorted(times, self.time, side="right"))
             if dense is not None and passed > reached:
                 states[reached:passed] = dense(times[reached:passed]).T

@@ -78,11 +78,6 @@ class SystemShape(NamedTuple):
         """The states of links, each as number of the link and name, in the order of the state vector."""
         return [(number, name) for number, link in enumerate(self.links) for name in link.states]
 
-    @property
-    def dimension(self) -> int:
-        """Length of the state vector: displacements, velocities and states of links, 2n + S."""
-        return 2 * self.masses + len(self.states)
-
 
 class ParameterLayout:
     """Slices of the vector of run-time parameters of a shape.
@@ -169,6 +164,14 @@ class Propagation:
     outcome: Outcome
 
 
+class StepRule(NamedTuple):
+    """How steps are taken: at `most` so many, or any number for 0, of at most `longest` in s; their times go to `log`."""
+
+    most: int = 0
+    longest: float = np.inf
+    log: list[float] | None = None
+
+
 class Integrator(Protocol):
     """An integrator of one structure; its state moves on with every propagation.
 
@@ -199,19 +202,8 @@ class Integrator(Protocol):
     def add_to_state(self, jump: NDArray[Any]) -> None:
         """Add a scaled jump (2n + S,) to the state."""
 
-    def propagate(
-        self,
-        times: NDArray[Any],
-        *,
-        most_steps: int = 0,
-        longest_step: float = np.inf,
-        log: list[float] | None = None,
-    ) -> Propagation:
-        """Integrate from the current time to the last of `times` (M,) in s.
-
-        At most `most_steps` steps are taken, or any number for 0, of at most `longest_step` in s. The time after each step is
-        appended to `log`.
-        """
+    def propagate(self, times: NDArray[Any], rule: StepRule) -> Propagation:
+        """Integrate from the current time to the last of `times` (M,) in s."""
 
     def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
         """State (2n + S,) and time in s after a `fraction` of the next step, which is at most `longest` in s.

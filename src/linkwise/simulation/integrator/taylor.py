@@ -29,6 +29,7 @@ from linkwise.simulation.integrator.formulas import (
     Outcome,
     Placement,
     Propagation,
+    StepRule,
     SystemShape,
     Time,
     Turn,
@@ -89,7 +90,7 @@ class TaylorIntegrator:
     def __init__(self, motion: MotionFormulas, tolerance: float, **options: Any) -> None:
         #: The precision: `np.float64` or `np.longdouble`.
         self.dtype: type[np.floating[Any]] = options.get("fp_type", np.float64)
-        start = np.zeros(motion.shape.dimension, dtype=self.dtype)
+        start = np.zeros(len(motion.equations), dtype=self.dtype)
         self._taylor = heyoka.taylor_adaptive(motion.equations, start, tol=self.dtype(tolerance), **options)
         # heyoka keeps those only that its equations use: a law may have a coefficient that cancels
         self._parameters = np.zeros(motion.layout.size, dtype=self.dtype)
@@ -128,26 +129,13 @@ class TaylorIntegrator:
         """Add a scaled jump (2n + S,) to the state."""
         self._taylor.state[:] += jump
 
-    def propagate(
-        self,
-        times: NDArray[Any],
-        *,
-        most_steps: int = 0,
-        longest_step: float = np.inf,
-        log: list[float] | None = None,
-    ) -> Propagation:
-        """Integrate from the current time to the last of `times` (M,) in s.
-
-        At most `most_steps` steps are taken, or any number for 0, of at most `longest_step` in s. The time after each step is
-        appended to `log`.
-        """
+    def propagate(self, times: NDArray[Any], rule: StepRule) -> Propagation:
+        """Integrate from the current time to the last of `times` (M,) in s."""
         dtype = self.dtype
         grid = np.empty(1 + len(times), dtype)
         grid[0], grid[1:] = self._taylor.time, times
-        callback = None if log is None else _StepLog(log)
-        code, _, _, steps, *_, states = self._taylor.propagate_grid(
-            grid, most_steps, dtype(longest_step), callback
-        )
+        how = rule.most, dtype(rule.longest), None if rule.log is None else _StepLog(rule.log)
+        code, _, _, steps, *_, states = self._taylor.propagate_grid(grid, *how)
         return Propagation(states[1:], steps, _OUTCOMES.get(code, Outcome.KINK))
 
     def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
