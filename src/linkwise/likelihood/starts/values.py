@@ -40,12 +40,7 @@ from linkwise.likelihood.starts.drift import (
     needs_integration,
     window_half,
 )
-from linkwise.likelihood.starts.kalman import (
-    likeliest_change,
-    smooth,
-    tuned_modes,
-    with_starts,
-)
+from linkwise.likelihood.starts.kalman import likeliest_change, smooth, tuned_modes, with_starts
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, is_linear, samples_of, stable_starts
 from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.model.coefficient import MASS
