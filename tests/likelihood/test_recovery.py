@@ -13,11 +13,7 @@ from structures import asked_oscillator, equal_sinks, link, oscillator, row_of_m
 from within import assert_within, errors
 
 import linkwise as lw
-from linkwise.likelihood.shooting.residuals import (
-    Gaussian,
-    Huber,
-    Student,
-)
+from linkwise.likelihood.shooting.residuals import Gaussian, Huber, Student
 
 pytestmark = pytest.mark.slow
 

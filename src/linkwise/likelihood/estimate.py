@@ -16,11 +16,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import enumerated
 from linkwise.errors import IdentificationError, expect
-from linkwise.estimates.causes import (
-    NoiseEstimate,
-    SensorErrorEstimate,
-    unseen_remark,
-)
+from linkwise.estimates.causes import NoiseEstimate, SensorErrorEstimate, unseen_remark
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.inspection.inspect import EstimatedError
 from linkwise.likelihood.checks.horizons import over_horizons
@@ -75,11 +71,7 @@ from linkwise.likelihood.random_forces import (
 )
 from linkwise.likelihood.rigs.estimate import rig_estimate
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
-from linkwise.likelihood.shooting.residuals import (
-    LOSSES,
-    Gaussian,
-    Loss,
-)
+from linkwise.likelihood.shooting.residuals import LOSSES, Gaussian, Loss
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
 from linkwise.likelihood.shooting.system import held_where_unseen
 from linkwise.likelihood.starts.drift import needs_integration

@@ -43,12 +43,7 @@ import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.noise import evidence
-from linkwise.likelihood.shooting.minimise import (
-    Annealer,
-    AnnealingFit,
-    AnnealingSchedule,
-    AnnealingStatus,
-)
+from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 from linkwise.likelihood.shooting.residuals import Loss, Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments

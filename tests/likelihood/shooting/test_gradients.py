@@ -24,14 +24,7 @@ from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.normal_equations import BorderedSystem, linearise
-from linkwise.likelihood.shooting.residuals import (
-    Gaussian,
-    Huber,
-    Loss,
-    Misfit,
-    Student,
-    evaluate,
-)
+from linkwise.likelihood.shooting.residuals import Gaussian, Huber, Loss, Misfit, Student, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import ClippedReadings, Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System

@@ -26,12 +26,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.checks.judgement import SKEWED, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.optima.other_optima import (
-    along_profile,
-    is_loosened,
-    rises_by,
-    with_faint_modes,
-)
+from linkwise.likelihood.optima.other_optima import along_profile, is_loosened, rises_by, with_faint_modes
 from linkwise.likelihood.optima.profiles import Profile
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.linear_model import FactoredModel

@@ -11,13 +11,7 @@ from linkwise.arrays import Floats
 from linkwise.display import enumerated, format_percent
 from linkwise.estimates.causes import EVENT, GAIN_DRIFT, Cause
 from linkwise.likelihood.checks.horizons import hidden_term
-from linkwise.likelihood.checks.judgement import (
-    AS_NOISE,
-    LARGEST_SHIFT,
-    LARGEST_TERM,
-    Examined,
-    Judgement,
-)
+from linkwise.likelihood.checks.judgement import AS_NOISE, LARGEST_SHIFT, LARGEST_TERM, Examined, Judgement
 from linkwise.likelihood.checks.jumps import event_between, moment
 from linkwise.likelihood.checks.usual_terms import asymmetry, doubt, scatter_of_blocks
 from linkwise.likelihood.fit import LikelihoodFit

@@ -595,16 +595,7 @@ class Annealer:
         control = SearchState(schedule.initial_q, schedule.initial_q, gains=segments.sensors.gains > 0)
         status = AnnealingStatus.EXHAUSTED
         samples = int(segments.observed.sum())
-        if isinstance(start, Misfit):
-            misfit = replace(start, segments=segments, scales=scales, loss=self.loss)
-        else:
-            misfit = evaluate(segments, start, scales, self.loss)
-        if not np.isfinite(misfit.cost(schedule.initial_q)):
-            raise IdentificationError(
-                "the motion that starts from the states in the record runs to infinity within a few samples: the time may be "
-                "in another unit than s (write time[ms]), a channel in another than its header says, a law is not finite over "
-                "the motion of its link, or a force acts that no channel shows (identify takes it as ambient)"
-            )
+        misfit = self._started(segments, start, scales, schedule.initial_q)
         linear: Linearization | None = None
         damped: DampedEquations | None = None
         theta, groups = misfit.point.theta, groups_at(misfit)
@@ -649,6 +640,20 @@ class Annealer:
         factor = damped.factor if damped is not None and known else None
         linear, damped = linear or self._linear(misfit, groups), None
         return self._ended(misfit, firm_factor(linear, control.q, factor), control.q, status, path)
+
+    def _started(self, segments: Segments, start: Iterate | Misfit, scales: Scales, q: float) -> Misfit:
+        """The misfit at a start, which must be finite."""
+        if isinstance(start, Misfit):
+            misfit = replace(start, segments=segments, scales=scales, loss=self.loss)
+        else:
+            misfit = evaluate(segments, start, scales, self.loss)
+        if not np.isfinite(misfit.cost(q)):
+            raise IdentificationError(
+                "the motion that starts from the states in the record runs to infinity within a few samples: the time may be "
+                "in another unit than s (write time[ms]), a channel in another than its header says, a law is not finite over "
+                "the motion of its link, or a force acts that no channel shows (identify takes it as ambient)"
+            )
+        return misfit
 
     def _ended(
         self,

@@ -28,12 +28,7 @@ from linkwise.likelihood.shooting.normal_equations import (
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import A, F, S, Segments, V, X, as_slice
 from linkwise.likelihood.shooting.system import MANY, System
-from linkwise.likelihood.shooting.tangents import (
-    CandidateForces,
-    Single,
-    TangentForces,
-    march,
-)
+from linkwise.likelihood.shooting.tangents import CandidateForces, Single, TangentForces, march
 from linkwise.runtime import processors
 
 TOLERANCE = 1e-3

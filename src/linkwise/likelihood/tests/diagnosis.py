@@ -31,9 +31,7 @@ from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, Optim
 from linkwise.likelihood.shooting.linear_model import block_information
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.likelihood.shooting.normal_equations import block_ends
-from linkwise.likelihood.shooting.residuals import (
-    LongerSegments,
-)
+from linkwise.likelihood.shooting.residuals import LongerSegments
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.columns import (
     Added,

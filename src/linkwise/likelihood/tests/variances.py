@@ -44,12 +44,7 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.normal_equations import (
-    BorderedFactor,
-    Linearization,
-    chunks,
-    linearise,
-)
+from linkwise.likelihood.shooting.normal_equations import BorderedFactor, Linearization, chunks, linearise
 from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import MANY
