@@ -73,9 +73,10 @@ def likeliest_jump(
     if not exact or large or fit.random_forces:
         return None
     optimum, linear = fit.optimum, None
-    longer = tested.longer.segments if tested and model else None
-    if longer and tells_time(longer, records) and longer.count >= _BETWEEN * _count(longer):
-        optimum, linear = tested.longer, model.linear
+    if tested and model:
+        longer = tested.longer.segments
+        if tells_time(longer, records) and longer.count >= _BETWEEN * _count(longer):
+            optimum, linear = tested.longer, model.linear
     segments = optimum.segments
     moments = _moments(segments)
     try:

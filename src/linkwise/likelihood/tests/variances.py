@@ -398,31 +398,21 @@ def for_noise_of_inputs(
     named = [noise for noise in input_noises if noise.channel in variances]
     if not named:
         return None
-    kicks = np.concatenate([np.sqrt(variances[noise.channel]) * noise.pattern for noise in named])
-    moved = _moved_by_kicks(fit, kicks.reshape(len(named), *named[0].pattern.shape))
-    if moved is None:
-        return None
-    words = " and ".join(
-        f"noise of {noise.channel} of {np.sqrt(variances[noise.channel]):.3g} {noise.unit}" for noise in named
-    )
-    return words, np.einsum("rkp,rkq->pq", moved, moved)
-
-
-def _moved_by_kicks(fit: LikelihoodFit, kicks: Floats) -> Floats | None:
-    """(r, K - 1, p) how far kicks (r, K - 1, n) in m/s of the masses at the nodes move the parameters, each alone.
-
-    That is as much as a unit slope by a parameter adds to the slope by the kick.
-    """
-    optimum = fit.optimum
+    kicks = np.stack([np.sqrt(variances[noise.channel]) * noise.pattern for noise in named])
+    optimum, p = fit.optimum, len(fit.values)
     with one_blas_thread():
         equations = DrawnEquations.of(fit, optimum, _HELD)
         if equations is None:
             return None
-        unit = np.eye(len(equations.free))[:, : len(fit.values)]
-        nodes = np.zeros((optimum.segments.count, optimum.segments.system.dimension, len(fit.values)))
+        # parameters move by a kick as much as a unit slope by them adds to the slope by the kick
+        unit = np.eye(len(equations.free))[:, :p]
+        nodes = np.zeros((optimum.segments.count, optimum.segments.system.dimension, p))
         slopes = equations.by_kicks(*equations.solved(nodes, unit))
-    moved = np.einsum("rkn,knp->rkp", kicks, slopes)
-    return np.asarray(moved * optimum.scales.theta[: len(fit.values)])
+    moved = np.einsum("rkn,knp->rkp", kicks, slopes) * optimum.scales.theta[:p]
+    words = " and ".join(
+        f"noise of {noise.channel} of {np.sqrt(variances[noise.channel]):.3g} {noise.unit}" for noise in named
+    )
+    return words, np.einsum("rkp,rkq->pq", moved, moved)
 
 
 def _beginning(optimum: Optimum) -> Optimum:
