@@ -176,7 +176,7 @@ class Lines:
         A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929). That of a sensor is in its
         channel alone.
         """
-        if structure.hosts or not fit.has_errors:
+        if structure.hosts or not (fit.has_errors and tells_time(fit.segments, records)):
             return None
         found, looked_at = _lines(fit, records)
         known = [force.frequency for force in fit.options.harmonics]

@@ -190,10 +190,10 @@ class TestedColumns:
             along = [np.asarray(values / added[k].scale, np.float32) for k, _, _, values in forces]
             candidates = CandidateForces(ends[:, 0], ends[:, 1], np.stack(along, axis=1))
         if samples:
-            shown = np.stack([values / added[k].scale for k, _, values in samples], axis=1)
-            errors = SensorErrors(np.array([channel for _, channel, _ in samples]), shown)
+            values = np.stack([values / added[k].scale for k, _, values in samples], axis=1)
+            errors = SensorErrors(np.array([channel for _, channel, _ in samples]), values)
         units = np.array([one.unit or 1.0 / one.scale for one in added])
-        owners = [k for k, *_ in (*forces, *samples)]
+        owners = [*(force[0] for force in forces), *(shown[0] for shown in samples)]
         return cls([one.error for one in added], units, candidates, errors, owners)
 
     @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite; results are checked

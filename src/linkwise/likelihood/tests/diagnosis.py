@@ -340,10 +340,9 @@ def diagnose(
         with one_blas_thread():
             for every in (True,) if terms else (False, True):
                 tested = tested_causes(fit, identified, channels, terms=every, beside=beside)
-                causes = _significant(tested, fit)
+                causes, remark = _significant(tested, fit), _not_tested(tested)
                 if not causes:
                     break
-            remark = _not_tested(tested)
     except np.linalg.LinAlgError:
         remark = _NOTHING_TESTED
     conflicts = tuple(_prior_conflicts(fit, identified))
