@@ -69,10 +69,6 @@ class SquareSum:
         """From slopes (K, 1 + d), those of draws last."""
         return cls(float(slopes[:, 0] @ slopes[:, 0]), slopes[:, 1:].T @ slopes[:, 1:])
 
-    def plus(self, added: SquareSum, weight: float) -> SquareSum:
-        """The sum with another one times a weight."""
-        return SquareSum(self.total + weight * added.total, self.products + weight * added.products)
-
     def with_other(self, second: SquareSum) -> float:
         """Half the covariance of both, from products of different draws."""
         count = len(self.products)
@@ -105,11 +101,10 @@ class VarianceScore:
         alone = tested.with_other(tested)
         if estimated:
             among = np.array([[a.with_other(b) for b in estimated] for a in estimated])
-            weights = np.linalg.lstsq(
-                among, np.array([tested.with_other(square_sum) for square_sum in estimated])
-            )[0]
-            for square_sum, weight in zip(estimated, weights.tolist(), strict=True):
-                tested = tested.plus(square_sum, -weight)
+            beside = np.array([tested.with_other(one) for one in estimated])
+            weights = np.linalg.lstsq(among, beside)[0]
+            for one, weight in zip(estimated, weights.tolist(), strict=True):
+                tested = SquareSum(tested.total - weight * one.total, tested.products - weight * one.products)
         products = tested.products.copy()
         count = len(products)
         excess = tested.total - float(np.trace(products)) / count
