@@ -720,7 +720,7 @@ def _first_error(model: _Model) -> _Rung | None:
     if line is not None and line.kind == HUM:
         return replace(options, errors=(*options.errors, Hum(line.where, line.size))), (line,)
     if line is not None and line.kind == HARMONIC:
-        more = harmonic_forces({line.where: line.size}, records[0], current.given_structure)
+        more = harmonic_forces({line.where: (line.size,)}, records[0], current.given_structure)
         known = tuple(replace(force, amplitudes=()) for force in options.harmonics)
         return replace(options, harmonics=(*known, *more)), (line,)
     is_open = any(cause.known_within for cause in model.added)

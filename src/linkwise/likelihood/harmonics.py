@@ -56,7 +56,7 @@ _PERIODS = 10.0  # in a record, of a line at least: fewer are a drift
 
 
 def harmonic_forces(
-    harmonics: Mapping[str, float | Sequence[float]], record: Record, structure: Structure
+    harmonics: Mapping[str, Sequence[float]], record: Record, structure: Structure
 ) -> tuple[HarmonicForce, ...]:
     """The forces that a user asks for, by mass with frequencies in Hz.
 
@@ -64,7 +64,7 @@ def harmonic_forces(
     """
     forces = []
     for mass, several in harmonics.items():
-        for frequency in [several] if isinstance(several, int | float) else several:
+        for frequency in several:
             if mass not in structure.mass_names or mass in structure.modes:
                 raise IdentificationError(
                     f"no harmonic force on {mass} can be estimated{near_miss(mass, structure.mass_names)}: the masses are "
@@ -176,7 +176,7 @@ class Lines:
         A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929). That of a sensor is in its
         channel alone.
         """
-        if structure.hosts or not fit.has_errors:
+        if structure.hosts or not (fit.has_errors and tells_time(fit.segments, records)):
             return None
         found, looked_at = _lines(fit, records)
         known = [force.frequency for force in fit.options.harmonics]
@@ -330,12 +330,6 @@ def _above_level(power: Floats) -> tuple[Indices, Indices, Floats]:
     return rows, at, power[rows, at] / np.maximum(level, np.finfo(float).tiny)
 
 
-def _in_longer_segments(fit: LikelihoodFit, records: Sequence[Record]) -> Optimum:
-    """The optimum of a fit, in longer segments where those of each record follow each other without a break."""
-    longer = in_longer_segments(fit)
-    return longer if tells_time(longer.segments, records) else fit.optimum
-
-
 def tells_time(segments: Segments, records: Sequence[Record]) -> bool:
     """Whether the segments of each record follow each other without a break."""
     return segments.count == sum(-(-len(record) // len(segments.samples)) for record in records)
@@ -374,7 +368,9 @@ def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce
     spacing = _STEP / max(record.duration for record in records)
     frequencies = force.frequency + spacing * np.arange(-_AROUND, _AROUND + 1)
     tried = [replace(force, frequency=float(one)) for one in frequencies if one > 4.0 * spacing]
-    unknowns = _Unknowns.of(fit, _in_longer_segments(fit, records), records, tried)
+    longer = in_longer_segments(fit)
+    optimum = longer if tells_time(longer.segments, records) else fit.optimum
+    unknowns = _Unknowns.of(fit, optimum, records, tried)
     gains, _ = _each_alone(unknowns.information, unknowns.score, 2 * len(records))
     best = tried[int(np.argmax(gains))]
     return replace(best, amplitudes=((0.0, 0.0),) * len(records))

@@ -358,17 +358,12 @@ def force_estimates(
     forces: Sequence[RandomForce], deviations: Floats, rate: float
 ) -> tuple[RandomForceEstimate, ...]:
     """The forces with their `deviations` (r,) in N of samples at `rate`; zero of those that were not found."""
-    density = deviations * np.sqrt(2.0 / rate)
+    densities = deviations * np.sqrt(2.0 / rate)
     return tuple(
         RandomForceEstimate(
-            where=force.where,
-            ambient=force.ambient,
-            deviation=float(deviations[number]),
-            spectral_density=float(density[number]),
-            found=force.deviation is None,
-            unit=force.unit,
+            force.where, force.ambient, size, density, found=force.deviation is None, unit=force.unit
         )
-        for number, force in enumerate(forces)
+        for force, size, density in zip(forces, deviations.tolist(), densities.tolist(), strict=True)
     )
 
 

@@ -327,10 +327,8 @@ def _exchanged(record: Record, structure: Structure) -> Iterator[Cause]:
     motions = [name for name in measured if name.kind != "force"]
     for name in (*forces, *motions):
         yield _error("sign", name)
-    units = {name: _UNITS[name.kind] for name in (*motions, *forces)}
-    for name in motions:
-        if unit_in(structure, name) == KINDS["x"].angular_unit:
-            units[name] = (*units[name], *_ANGLES)
+    angles = {name: _ANGLES for name in motions if unit_in(structure, name) == KINDS["x"].angular_unit}
+    units = {name: (*_UNITS[name.kind], *angles.get(name, ())) for name in (*motions, *forces)}
     for usual in zip_longest(*units.values()):  # the most usual of all channels first
         yield from (_error("unit", name, times) for name, times in zip(units, usual, strict=True) if times)
     for kind, where in _ALL.items():
@@ -475,7 +473,9 @@ def errors_of_records(of: Examined, before: Judgement) -> Judgement | None:
 def _explanation(errors: Sequence[Cause], *, is_clipped: bool) -> str:
     """What the first of the errors means, and what mends it; the others look like it."""
     first, others = errors[0], errors[1:]
-    advice = _ADVICE[first.kind].format(where=first.where, source=first.source, factor=_factor(first))
+    advice = _ADVICE[first.kind].format(
+        where=first.where, source=first.source, factor=1.0 / (first.size or 1.0)
+    )
     if is_clipped:
         more = f" There is also {' and '.join(error.description for error in others)}." if others else ""
         return (
@@ -489,13 +489,9 @@ def _explanation(errors: Sequence[Cause], *, is_clipped: bool) -> str:
     )
 
 
-def _factor(cause: Cause) -> str:
-    return f"{1.0 / cause.size:g}" if cause.kind == "unit" else ""
-
-
 _ADVICE = {
     "sign": "change the sign of {where}",
-    "unit": "multiply {where} by {factor}, or state its unit",
+    "unit": "multiply {where} by {factor:g}, or state its unit",
     "swapped": "exchange {where} and {source}",
     "place": "name {where} as force:{source}",
     "relative": "name {where} as relative, rel:x:MASS, or add the motion of the base",

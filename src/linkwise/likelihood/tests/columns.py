@@ -152,7 +152,7 @@ class Added:
     samples: Sequence[tuple[int, Floats]] = ()
     unit: float | None = None
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """What it is divided by; 1 of an error of sensors alone, and 0 where it adds nothing that is finite."""
         if self.unit is not None:
@@ -181,28 +181,20 @@ class TestedColumns:
     @classmethod
     def of(cls, every: Iterable[Added]) -> TestedColumns:
         """What errors add in their units; without those that add nothing."""
-        hypotheses, units = list[Hypothesis](), list[float]()
-        forces, samples = list[tuple[int, int, int, Floats | Single]](), list[tuple[int, int, Floats]]()
-        for added in every:
-            scale, number = added.scale, len(hypotheses)
-            if not scale > 0.0:
-                continue
-            hypotheses.append(added.error)
-            units.append(added.unit or 1.0 / scale)
-            for first, second, values in added.forces:
-                forces.append((number, first, second, np.asarray(values / scale, np.float32)))
-            for channel, values in added.samples:
-                samples.append((number, channel, values / scale))
-        candidates, errors, owners = None, None, list[int]()
+        added = [one for one in every if one.scale > 0.0]
+        forces = [(k, *force) for k, one in enumerate(added) for force in one.forces]
+        samples = [(k, *shown) for k, one in enumerate(added) for shown in one.samples]
+        candidates, errors = None, None
         if forces:
-            numbers, firsts, seconds, along = zip(*forces, strict=True)
-            candidates = CandidateForces(np.array(firsts), np.array(seconds), np.stack(along, axis=1))
-            owners.extend(numbers)
+            ends = np.array([places for _, *places, _ in forces])
+            along = [np.asarray(values / added[k].scale, np.float32) for k, _, _, values in forces]
+            candidates = CandidateForces(ends[:, 0], ends[:, 1], np.stack(along, axis=1))
         if samples:
-            numbers, channels, shown = zip(*samples, strict=True)
-            errors = SensorErrors(np.array(channels), np.stack(shown, axis=1))
-            owners.extend(numbers)
-        return cls(hypotheses, np.array(units), candidates, errors, owners)
+            values = np.stack([values / added[k].scale for k, _, values in samples], axis=1)
+            errors = SensorErrors(np.array([channel for _, channel, _ in samples]), values)
+        units = np.array([one.unit or 1.0 / one.scale for one in added])
+        owners = [*(force[0] for force in forces), *(shown[0] for shown in samples)]
+        return cls([one.error for one in added], units, candidates, errors, owners)
 
     @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite; results are checked
     def quadratic(self, optimum: Optimum, blocks: int = 1) -> Quadratic:

@@ -24,7 +24,7 @@ from itertools import chain
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Floats, Indices
 from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, GAIN_DRIFT, HIGH_PASS, Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, Optimum
@@ -147,27 +147,6 @@ _FELT = 1.0  # standard errors: the least change of a coefficient of which somet
 
 Hint = tuple[dict[str, Floats], str]
 """What is added to the covariance (p, p) of the coefficients, by what makes it wider, and at what the residuals hint."""
-
-
-def likely_masses(hypotheses: Sequence[Hypothesis], gains: Floats) -> Bools:
-    """Which of h hypotheses are errors of masses that chance hardly gives, where one of them gains more than all others.
-
-    Parameters
-    ----------
-    hypotheses : sequence of Hypothesis
-        All that were tested.
-    gains : array of shape (h,)
-        What each would take off -2 log likelihood.
-
-    Returns
-    -------
-    array of shape (h,)
-        Those; whether they matter depends on what they would make of the coefficients.
-    """
-    are_masses = np.array([hypothesis.kind == MASS for hypothesis in hypotheses])
-    if not are_masses.any() or not are_masses[int(np.argmax(gains))]:
-        return np.zeros(len(are_masses), dtype=bool)
-    return np.asarray(are_masses & (gains > _MASS_CHANCE + 2.0 * np.log(np.count_nonzero(are_masses))))
 
 
 def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
@@ -357,12 +336,11 @@ def diagnose(
     tested, remark = None, ""
     try:
         with one_blas_thread():
-            tested = tested_causes(fit, identified, channels, terms=terms, beside=beside)
-            causes = _significant(tested, fit)
-            if causes and not terms:
-                tested = tested_causes(fit, identified, channels, terms=True, beside=beside)
-                causes = _significant(tested, fit)
-            remark = _not_tested(tested)
+            for every in (True,) if terms else (False, True):
+                tested = tested_causes(fit, identified, channels, terms=every, beside=beside)
+                causes, remark = _significant(tested, fit), _not_tested(tested)
+                if not causes:
+                    break
     except np.linalg.LinAlgError:
         remark = _NOTHING_TESTED
     conflicts = tuple(_prior_conflicts(fit, identified))
@@ -520,8 +498,10 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
     optimum, tests, causes = fit.optimum, tested.tests, []
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
     deviations = tests.deviations * optimum.noise * tested.units
-    masses = likely_masses(tested.hypotheses, gains)
-    limit, forces = least_gain(len(gains)), dict[str, float]()
+    masses, limit, forces = np.zeros(len(gains), dtype=bool), least_gain(len(gains)), dict[str, float]()
+    numbers = tested.which(lambda one: one.kind == MASS)
+    if len(numbers) and int(np.argmax(gains)) in numbers:  # no other cause gains as much
+        masses[numbers] = gains[numbers] > _MASS_CHANCE + 2.0 * np.log(len(numbers))
     sample = float(optimum.segments.step[0]) * optimum.segments.refine
     for number, hypothesis in enumerate(tested.hypotheses):
         size, is_filter = float(sizes[number]), hypothesis.kind == FILTER

@@ -174,11 +174,6 @@ class SingleTests:
     finite: Bools
 
 
-def _without(matrix: Floats, within: Bools) -> Floats:
-    """The matrix with zeros in the rows and columns that are not `within`."""
-    return np.where(within[:, np.newaxis] & within, matrix, 0.0)
-
-
 @dataclass(frozen=True)
 class CandidateForce:
     """A force of unit size: `law` without coefficients, between places `first` and `second`, numbered as in a topology."""
@@ -249,8 +244,9 @@ class Quadratic:
             finite &= np.isfinite(matrix[own, added]).all(axis=0) & np.isfinite(matrix.diagonal()[added])
         if not finite.all():
             within = np.append(np.ones(parameters, dtype=bool), finite)
-            curvature, slope = _without(curvature, within), np.where(within, slope, 0.0)
-            scatter = None if scatter is None else _without(scatter, within)
+            both = np.outer(within, within)
+            curvature, slope = np.where(both, curvature, 0.0), np.where(within, slope, 0.0)
+            scatter = None if scatter is None else np.where(both, scatter, 0.0)
         scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
         scaled, gradient = curvature / np.outer(scale, scale), slope / scale
         # LAPACK may never return from what is not finite

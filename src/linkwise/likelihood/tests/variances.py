@@ -69,10 +69,6 @@ class SquareSum:
         """From slopes (K, 1 + d), those of draws last."""
         return cls(float(slopes[:, 0] @ slopes[:, 0]), slopes[:, 1:].T @ slopes[:, 1:])
 
-    def plus(self, added: SquareSum, weight: float) -> SquareSum:
-        """The sum with another one times a weight."""
-        return SquareSum(self.total + weight * added.total, self.products + weight * added.products)
-
     def with_other(self, second: SquareSum) -> float:
         """Half the covariance of both, from products of different draws."""
         count = len(self.products)
@@ -105,11 +101,10 @@ class VarianceScore:
         alone = tested.with_other(tested)
         if estimated:
             among = np.array([[a.with_other(b) for b in estimated] for a in estimated])
-            weights = np.linalg.lstsq(
-                among, np.array([tested.with_other(square_sum) for square_sum in estimated])
-            )[0]
-            for square_sum, weight in zip(estimated, weights.tolist(), strict=True):
-                tested = tested.plus(square_sum, -weight)
+            beside = np.array([tested.with_other(one) for one in estimated])
+            weights = np.linalg.lstsq(among, beside)[0]
+            for one, weight in zip(estimated, weights.tolist(), strict=True):
+                tested = SquareSum(tested.total - weight * one.total, tested.products - weight * one.products)
         products = tested.products.copy()
         count = len(products)
         excess = tested.total - float(np.trace(products)) / count
@@ -398,31 +393,21 @@ def for_noise_of_inputs(
     named = [noise for noise in input_noises if noise.channel in variances]
     if not named:
         return None
-    kicks = np.concatenate([np.sqrt(variances[noise.channel]) * noise.pattern for noise in named])
-    moved = _moved_by_kicks(fit, kicks.reshape(len(named), *named[0].pattern.shape))
-    if moved is None:
-        return None
-    words = " and ".join(
-        f"noise of {noise.channel} of {np.sqrt(variances[noise.channel]):.3g} {noise.unit}" for noise in named
-    )
-    return words, np.einsum("rkp,rkq->pq", moved, moved)
-
-
-def _moved_by_kicks(fit: LikelihoodFit, kicks: Floats) -> Floats | None:
-    """(r, K - 1, p) how far kicks (r, K - 1, n) in m/s of the masses at the nodes move the parameters, each alone.
-
-    That is as much as a unit slope by a parameter adds to the slope by the kick.
-    """
-    optimum = fit.optimum
+    kicks = np.stack([np.sqrt(variances[noise.channel]) * noise.pattern for noise in named])
+    optimum, p = fit.optimum, len(fit.values)
     with one_blas_thread():
         equations = DrawnEquations.of(fit, optimum, _HELD)
         if equations is None:
             return None
-        unit = np.eye(len(equations.free))[:, : len(fit.values)]
-        nodes = np.zeros((optimum.segments.count, optimum.segments.system.dimension, len(fit.values)))
+        # parameters move by a kick as much as a unit slope by them adds to the slope by the kick
+        unit = np.eye(len(equations.free))[:, :p]
+        nodes = np.zeros((optimum.segments.count, optimum.segments.system.dimension, p))
         slopes = equations.by_kicks(*equations.solved(nodes, unit))
-    moved = np.einsum("rkn,knp->rkp", kicks, slopes)
-    return np.asarray(moved * optimum.scales.theta[: len(fit.values)])
+    moved = np.einsum("rkn,knp->rkp", kicks, slopes) * optimum.scales.theta[:p]
+    words = " and ".join(
+        f"noise of {noise.channel} of {np.sqrt(variances[noise.channel]):.3g} {noise.unit}" for noise in named
+    )
+    return words, np.einsum("rkp,rkq->pq", moved, moved)
 
 
 def _beginning(optimum: Optimum) -> Optimum:
