@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35652  # lines of all files of tests
+TESTS = 35638  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -22,17 +22,17 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1941),
     "identification": (12, 2393),
     "inspection": (9, 1879),
-    "likelihood": (61, 13913),
+    "likelihood": (61, 13887),
     "modal": (5, 840),
-    "model": (16, 2974),
+    "model": (16, 2968),
     "paper": (3, 358),
     "plot": (12, 1810),
-    "records": (9, 1455),
+    "records": (9, 1451),
     "report": (11, 1032),
     "response": (13, 1847),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 942),
     "signals": (6, 837),
-    "simulation": (9, 1617),
+    "simulation": (9, 1595),
     "sindy": (9, 1036),
     "study": (9, 1403),
     "weak": (8, 1693),

@@ -11,7 +11,7 @@ import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, note, progress
 from linkwise.cli.options import ANSWER, POSITIVE, grouped, typed
 from linkwise.cli.reading_options import RecordOptions, record_options
-from linkwise.identification.validation import answer as answers
+from linkwise.identification import validated_answer as answers
 from linkwise.output import VALIDATION
 
 
