@@ -12,9 +12,9 @@ TESTS = 35644  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (11, 2195),
+    "absorption": (11, 2177),
     "analysis": (4, 506),
-    "cli": (21, 1843),
+    "cli": (21, 1840),
     "discovery": (18, 3489),
     "estimates": (7, 1464),
     "export": (9, 772),
@@ -26,15 +26,15 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (5, 853),
     "model": (17, 2995),
     "paper": (3, 358),
-    "plot": (12, 1810),
+    "plot": (12, 1806),
     "records": (9, 1456),
-    "report": (11, 1032),
-    "response": (13, 1847),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "report": (11, 1030),
+    "response": (13, 1831),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 926),
     "signals": (6, 838),
     "simulation": (9, 1648),
     "sindy": (9, 1063),
-    "study": (9, 1403),
+    "study": (9, 1401),
     "weak": (11, 1748),
 }
 
