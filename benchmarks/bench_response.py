@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.response.continuation import Steps, follow, solve, turned
+from linkwise.response.continuation import follow, solve, turned
 from linkwise.response.options import Drive
 from linkwise.response.shooting import Shooting, driven_phase
 
@@ -55,9 +55,8 @@ def test_two_hundred_points_take_a_moment(masses: int, most: float) -> None:
     assert start is not None
     longest = 0.04
     started = process_time()
-    points, _ = follow(
-        equations, turned(start, np.eye(len(start.unknowns))[-1]), Steps(equations.bounds, longest, POINTS)
-    )
+    rising = turned(start, np.eye(len(start.unknowns))[-1])
+    points, _ = follow(equations, rising, equations.bounds, lambda point: False, longest=longest, most=POINTS)
     seconds = process_time() - started
     turns = sum(point.corrections for point in points)
     by_scipy = scipy_turn(masses, start.unknowns[:-1])

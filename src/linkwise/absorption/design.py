@@ -118,13 +118,11 @@ class DesignOptions:
         for name, least in (("evaluations", LEAST), ("draws", 1), ("seed", 0)):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int) and value >= least):
-                raise LinkwiseError(
-                    f"{name} must be a whole number from {least}, got {value!r}", arguments=(name,)
-                )
+                message = f"{name} must be a whole number from {least}, got {value!r}"
+                raise LinkwiseError(message, arguments=(name,))
         if self.quantile is not None and not 0.0 < self.quantile < 1.0:
-            raise LinkwiseError(
-                f"quantile must be between 0 and 1, got {self.quantile!r}", arguments=("quantile",)
-            )
+            message = f"quantile must be between 0 and 1, got {self.quantile!r}"
+            raise LinkwiseError(message, arguments=("quantile",))
         if not len(self.levels) or not all(np.isfinite(level) and level > 0.0 for level in self.levels):
             raise SimulationError(f"levels must be positive factors of the excitation, got {self.levels!r}")
         require_known("way to count levels", self.over_levels, OVER_LEVELS)
@@ -133,9 +131,8 @@ class DesignOptions:
                 raise StructureError(f"places must be a sequence of masses and points, got {own!r}", name)
         for name, value in (self.limits or {}).items():
             if not (isinstance(value, int | float) and 0.0 < value < np.inf):
-                raise LinkwiseError(
-                    f"the limit of {name} must be a positive number, got {value!r}", arguments=("limits",)
-                )
+                message = f"the limit of {name} must be a positive number, got {value!r}"
+                raise LinkwiseError(message, arguments=("limits",))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -251,13 +248,9 @@ class Design(JudgedView):
     def findings(self) -> tuple[str, ...]:
         """Sentences on what the search cannot show."""
         lines = []
-        ends = [
-            axis for axis in self.axes if not _AT_BOUND < way_to(axis, self.best[axis.name]) < 1.0 - _AT_BOUND
-        ]
-        if ends:
-            lines.append(
-                f"The best lies at a bound of {', '.join(axis.name for axis in ends)}: widen it to see further."
-            )
+        ways = {axis.name: way_to(axis, self.best[axis.name]) for axis in self.axes}
+        if ends := ", ".join(name for name, way in ways.items() if not _AT_BOUND < way < 1.0 - _AT_BOUND):
+            lines.append(f"The best lies at a bound of {ends}: widen it to see further.")
         if self.nearby is not None:
             count, *values = self.nearby
             median, worst = map(self.quantity.text, values)
@@ -272,9 +265,8 @@ class Design(JudgedView):
                 "or the draws of an identified structure find a design that does not depend on chance."
             )
         if self.diverged:
-            lines.append(
-                f"{self.diverged} of {self.simulations} simulations diverged, and count as the worst."
-            )
+            diverged = f"{self.diverged} of {self.simulations} simulations diverged"
+            lines.append(f"{diverged}, and count as the worst.")
         return tuple(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -333,13 +325,11 @@ def design_headline(design: Design) -> tuple[str, ...]:
 
 def design_rows(design: Design) -> Rows:
     """The best value of each parameter, and its bounds."""
-    return [
-        ("parameter", "best", "from", "to", "unit"),
-        *(
-            (axis.name, f"{design.best[axis.name]:.6g}", f"{axis.low:g}", f"{axis.high:g}", axis.unit)
-            for axis in design.axes
-        ),
-    ]
+    rows: Rows = [("parameter", "best", "from", "to", "unit")]
+    for axis in design.axes:
+        best = f"{design.best[axis.name]:.6g}"
+        rows.append((axis.name, best, f"{axis.low:g}", f"{axis.high:g}", axis.unit))
+    return rows
 
 
 def place_rows(design: Design) -> Rows:
@@ -621,15 +611,13 @@ def _problem(structure: Structure, asked: _Question) -> tuple[_Problem, Comparis
 
 def _axis(structure: Structure, name: str, bounds: tuple[float, float]) -> DesignAxis:
     if ":" in name:
-        raise StructureError(
-            "a design varies coefficients and masses; a release belongs to the excitation", name
-        )
+        message = "a design varies coefficients and masses; a release belongs to the excitation"
+        raise StructureError(message, name)
     unit = parameter_unit(structure, name)
     low, high = (float(bound) for bound in bounds)
-    if not (np.isfinite([low, high]).all() and low < high):
-        raise StructureError(
-            f"the bounds must be two finite numbers, the lower one first, got {low:g} and {high:g}", name
-        )
+    if not -np.inf < low < high < np.inf:
+        message = f"the bounds must be two finite numbers, the lower one first, got {low:g} and {high:g}"
+        raise StructureError(message, name)
     return DesignAxis(name, unit, low, high)
 
 

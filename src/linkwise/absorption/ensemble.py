@@ -181,22 +181,16 @@ def quantity_values(
     values |= {f"share:{name}": share for name, share in shares.items()}
     values |= {f"crossings:{name}": count for name, count in crossings.items()}
     values |= {"peak": vibration.decay.peak.max(axis=0), "rms": root_sum_square(vibration.rms)}
-    values |= _strokes(comparison, vibration)
+    base, structures = comparison.options.excitation.base, vibration.structures
+    x, v = (None, None) if base is None else (base.value(runs.time), base.derivative(runs.time))
+    links = [names.index(sink.link) for sink in comparison.sinks]
+    d, rate = elongations(structures, runs.x, x)[..., links], elongations(structures, runs.v, v)[..., links]
+    strokes = zip(comparison.sinks, Decay(runs.time, d, rate).peak.T, strict=True)
+    values |= {f"stroke:{sink.link}": peak for sink, peak in strokes}
     for link, given in (comparison.options.harvesters or {}).items():
         energy = runs.delivered[link] if isinstance(given, str) else shares[f"{link}{SUFFIX}"] * total
         values[f"power:{link}"] = energy / runs.time[-1]
     return values
-
-
-def _strokes(comparison: Comparison, vibration: Vibration) -> dict[str, Floats]:
-    """The largest elongation (W,) of each sink."""
-    base, structures, runs = comparison.options.excitation.base, vibration.structures, vibration.runs
-    x, v = (None, None) if base is None else (base.value(runs.time), base.derivative(runs.time))
-    names = [link.name for link in comparison.structure.links]
-    links = [names.index(sink.link) for sink in comparison.sinks]
-    d, rate = elongations(structures, runs.x, x)[..., links], elongations(structures, runs.v, v)[..., links]
-    peaks = Decay(runs.time, d, rate).peak.T
-    return {f"stroke:{sink.link}": peak for sink, peak in zip(comparison.sinks, peaks, strict=True)}
 
 
 def variants(

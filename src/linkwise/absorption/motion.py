@@ -137,8 +137,6 @@ def crossings(schedule: RunSchedule, run: RunLog, tops: Sequence[Floats]) -> tup
     edges = edges[np.append(np.diff(edges) > _DISTINCT * 1e-3 * schedule.end, True)]
     d, rate = _elongations(schedule, run, edges)
     links, levels, times = _roots_of_cubics(edges, d, rate, tops)
-    order = np.argsort(times, kind="stable")
-    links, levels, times = links[order], levels[order], times[order]
     step = schedule.end / max(run.steps, 1)
     correction = np.full(len(times), np.inf)
     for _ in range(_NEWTON_STEPS):

@@ -92,17 +92,14 @@ def curve_pool(workers: int | None, executor: Executor | None = None) -> Iterato
 
 
 def _largest_amplitude(resonance: Resonance, factor: float, structure: Structure) -> float:
-    try:
-        return _largest(resonance.response(structure, factor))
-    except SimulationError:
-        return np.nan
-
-
-def _largest(response: Response) -> float:
     """The largest amplitude of what does not depart from it: stable periodic motion, and irregular motion.
 
-    NaN where there is neither at a level: unstable motion alone has no amplitude that a test would show.
+    NaN where there is neither at a level, unstable motion alone having no amplitude that a test would show, or no motion.
     """
+    try:
+        response = resonance.response(structure, factor)
+    except SimulationError:
+        return np.nan
     largest = []
     for level in response.levels:
         sizes = [branch.amplitude[branch.stable].max() for branch in level.branches if branch.stable.any()]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -116,7 +116,7 @@ def host(
       linkwise structure host decay.csv --from 0.1 --modes auto --point-mass a=1.2 --point-mass b=500g -o frame.toml
       linkwise structure host logger.csv --channel force:beam.tip=Hammer --channel a:beam.tip[g]=Acc1 --modes auto -o beam.toml
     """
-    context, modes, options = click.get_current_context(), given.modes, vars(given)
+    context, modes = click.get_current_context(), given.modes
     if output is not None and any(output.resolve() == file.resolve() for file in files):
         raise UsageError(f"-o {output} would overwrite the file that is read; choose another file.")
     if output is not None and output.exists() and not _holds_hosts_alone(output):
@@ -124,10 +124,10 @@ def host(
         raise UsageError(f"-o {output} {held}; choose another.")
     if modes is None:
         _refuse(context, _OF_RECORDS, "{} is for records of a test: give --modes with it.")
-    title = options["name"] or files[0].stem
+    title = given.name or files[0].stem
     sigmas: dict[str, Any] = {}
     for kind in ("frequency", "damping", "shape"):
-        if text := options[f"{kind}_sigma"]:
+        if text := getattr(given, f"{kind}_sigma"):
             sigmas[kind] = 0.01 * percentage(text, f"--{kind}-sigma", "2%")
     estimate = None
     if modes is not None:
@@ -135,15 +135,15 @@ def host(
         estimate = _identified(source, files, given)
         new_host = estimate.host.known_to_within(**sigmas, at_least=True)
     elif files[0].suffix.lower() in (".csv", ".uff", ".unv"):
-        if len(files) > 1 or any(options[key] for key in ("points", "mass", "stiffness")):
+        if len(files) > 1 or given.points or given.mass or given.stiffness:
             raise UsageError("A file of modes has its own points, and is read alone.")
         _refuse(context, _OF_MATRICES, "{} is for matrices; of a file of modes, all are taken as they are.")
         new_host = lw.Host(title, lw.modal.read_modes(files[0])).known_to_within(**sigmas)
     else:
-        new_host = _reduced(files, title, options).known_to_within(**sigmas)
+        new_host = _reduced(files, title, given).known_to_within(**sigmas)
     _tell_of_damping(new_host)
-    units = pairs(options["units"], "--unit", "tip_r=rad")
-    new_host = new_host.with_units(units, _points(options))
+    units = pairs(given.units, "--unit", "tip_r=rad")
+    new_host = new_host.with_units(units, _points(given))
     identified = {} if estimate is None else {"identified": estimate.to_dict()}
     deliver_structure(lw.Structure(title, (), (), (new_host,)), output, as_json=as_json, further=identified)
     if estimate is None:
@@ -199,26 +199,22 @@ def _identified(source: ReadingOptions, files: tuple[Path, ...], given: HostOpti
         return lw.modal.identify_host(records, modes=count, name=given.name, masses=masses, progress=step)
 
 
-def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) -> lw.Host:
-    """The host of matrices."""
-    how = {key: options[key] for key in ("keep", "modal_damping")}
-    how |= {"rayleigh": _rayleigh(options["rayleigh"]), "residual": not options["no_residual"]}
-    reduced = _matrices(files, options).reduce(title, _points(options), **how)
-    note(*reduced.notes)
-    return reduced.host
-
-
-def _matrices(files: tuple[Path, ...], options: Mapping[str, Any]) -> lw.modal.HostMatrices:
-    """The matrices by their names in one file, or of two or three files by their order."""
+def _reduced(files: tuple[Path, ...], title: str, given: HostOptions) -> lw.Host:
+    """The host of matrices, by their names in one file, or of two or three files by their order."""
+    rayleigh = _rayleigh(given.rayleigh)
     if len(files) > 3:
         message = "Give one file with all matrices, or one for each: mass, stiffness and perhaps damping, in this order."
         raise UsageError(message)
-    if options["damping"] and len(files) == 2:
+    if given.damping and len(files) == 2:
         raise UsageError("--damping needs a third file, with the damping matrix.")
     if len(files) == 1:
-        files *= 3 if options["damping"] else 2
-    names = [f":{options[kind]}" if options[kind] else "" for kind in ("mass", "stiffness", "damping")]
-    return lw.modal.read_host_matrices(*map("{}{}".format, files, names))
+        files *= 3 if given.damping else 2
+    names = [f":{name}" if name else "" for name in (given.mass, given.stiffness, given.damping)]
+    matrices = lw.modal.read_host_matrices(*map("{}{}".format, files, names))
+    how: dict[str, Any] = {"keep": given.keep, "modal_damping": given.modal_damping, "rayleigh": rayleigh}
+    reduced = matrices.reduce(title, _points(given), residual=not given.no_residual, **how)
+    note(*reduced.notes)
+    return reduced.host
 
 
 def _rayleigh(given: str | None) -> tuple[float, float] | None:
@@ -231,6 +227,6 @@ def _rayleigh(given: str | None) -> tuple[float, float] | None:
     return of_mass, of_stiffness
 
 
-def _points(options: Mapping[str, Any]) -> dict[str, str]:
+def _points(given: HostOptions) -> dict[str, str]:
     """The row of each point, or its node and a direction."""
-    return pairs(options["points"], "--point", "tip=79 (a row, or a node and a direction)")
+    return pairs(given.points, "--point", "tip=79 (a row, or a node and a direction)")

@@ -97,23 +97,19 @@ def _summary(record: lw.Record, output: Path) -> dict[str, Any]:
 
 def _summary_text(structure: lw.Structure, summary: dict[str, Any]) -> str:
     energy = summary["energy"]
-    total = sum(energy["dissipated"].values())
+    total, horizon = sum(energy["dissipated"].values()), summary["horizon"]
+    if horizon is None:
+        horizon = "none within the record: two runs at different tolerances agree throughout"
+    else:
+        horizon = f"{horizon:.3g} s; past it the motion is chaotic and no two computers would agree on it"
     lines = [
         f"{structure.name or 'structure'}: {structure.contents}",
         f"record      {summary['samples']} samples at {summary['rate']:g} Hz of {listed(summary['channels'])}",
         f"energy      {energy['put_in']:.4g} J put in, {total:.4g} J dissipated, {energy['stored']:.4g} J stored at the end; "
         f"the balance closes to {energy['closure']:.0e} of the input",
-        _horizon(summary["horizon"]),
+        f"horizon     {horizon}",
     ]
     if "noise" in summary:
         added = summary["noise"]
         lines.append(f"noise       {added['decibel']:g} dB per channel, seed {added['seed']}")
     return "\n".join([*lines, f"written to  {summary['file']}"])
-
-
-def _horizon(horizon: float | None) -> str:
-    if horizon is None:
-        return "horizon     none within the record: two runs at different tolerances agree throughout"
-    return (
-        f"horizon     {horizon:.3g} s; past it the motion is chaotic and no two computers would agree on it"
-    )

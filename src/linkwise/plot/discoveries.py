@@ -256,15 +256,15 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
     >>> runners_up(found).get_title("left")
     'the next best models'
     """
-    models = discovery.runners_up[:_RUNNERS_UP]
+    margins = [model.margin for model in discovery.runners_up[:_RUNNERS_UP]]
     with axes_for(ax) as axes:
-        rows = np.arange(len(models))
+        rows = np.arange(len(margins))
         axes.axvspan(0.0, CERTAIN, color=VISITED, zorder=0)
-        axes.barh(rows, [model.margin for model in models], color=IDENTIFIED, height=0.6)
+        axes.barh(rows, margins, color=IDENTIFIED, height=0.6)
         axes.set_yticks(rows, [literal(change) for change in runner_up_changes(discovery)[:_RUNNERS_UP]])
         axes.invert_yaxis()
         axes.grid(False, axis="y")
-        if max((model.margin for model in models), default=0.0) > _FAR:
+        if max(margins, default=0.0) > _FAR:
             log_scale(axes, "x", linear_to=10.0)
         axes.set(xlabel="criterion above the chosen model's", title="the next best models")
     return axes

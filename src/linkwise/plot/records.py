@@ -91,17 +91,15 @@ def histories(
     names = _shown(source) if channels is None else tuple(channels)
     if not names:
         raise RecordError(f"no channel to draw; choose from {', '.join(source.channels)}")
-    units = {source.unit(name) for name in names}
-    together = _largest(source, names)
+    alike = len({source.unit(name) for name in names}) == 1
     with axes_for(ax, legend=legend and len(names) > 1) as axes:
         for name in names:
-            values = source.channel(name)
-            largest = together if len(units) == 1 else _largest(source, [name])
-            factor, unit = scale(largest, source.unit(name))
-            text = label(name if len(units) == 1 else f"{name}, {unit}")
+            factor, unit = scale(_largest(source, names if alike else [name]), source.unit(name))
+            text = label(name if alike else f"{name}, {unit}")
             color = SERIES[source.channels.index(name) % len(SERIES)]
-            axes.plot(*envelope(source.time, values * factor), color=color, lw=0.7, label=text)
-        common = scale(together, units.pop())[1] if len(units) == 1 else ""
+            values = factor * source.channel(name)
+            axes.plot(*envelope(source.time, values), color=color, lw=0.7, label=text)
+        common = unit if alike else ""
         over_time(axes, source.time, _value_label(source.select(names).channels, common))
     return axes
 
@@ -185,11 +183,10 @@ def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
     """The spectrum of each channel of one record in a strip of its own, noise dashed; of more than 10 channels the first."""
     record = inspection.records[number]
     of = {summary.name: summary.noise for summary in inspection.channels_of(number)}
-
-    def draw(name: str, *, ax: Axes) -> Axes:
-        return spectrum(record, name, of[name], legend=False, ax=ax)
-
-    return strips(_shown(record), draw, (0.9, 1.1), legend=False)
+    shown = [(name, of[name]) for name in _shown(record)]
+    return strips(
+        shown, lambda one, ax: spectrum(record, *one, legend=False, ax=ax), (0.9, 1.1), legend=False
+    )
 
 
 _DECADES = 8.0  # of the power that colours tell apart, below its largest value
@@ -277,12 +274,10 @@ def spectrograms_figure(inspection: Inspection, number: int = 0) -> Figure:
 def coherences_figure(inspection: Inspection, number: int = 0) -> Figure:
     """The coherence of each channel of one record with the next; of more than 10 pairs the first."""
     record = inspection.records[number]
-
-    def draw(pair: tuple[str, str], *, ax: Axes) -> Axes:
-        return coherence(record, *pair, legend=False, ax=ax)
-
     pairs = list(pairwise((*record.inputs, *record.responses)))[:_MOST]
-    return strips(pairs, draw, (0.9, 1.1), legend=False)
+    return strips(
+        pairs, lambda one, ax: coherence(record, *one, legend=False, ax=ax), (0.9, 1.1), legend=False
+    )
 
 
 _PANEL_HEIGHT = 1.5  # inches

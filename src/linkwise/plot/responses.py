@@ -63,11 +63,9 @@ def response(
     """
     column = place_of("channel", channel, result.channels)
     name = result.channels[column]
-    largest = max(
-        [branch.amplitude[:, column].max() for level in result.levels for branch in level.branches]
-        + [np.ptp([m.lower[column], m.upper[column]]) / 2 for level in result.levels for m in level.irregular]
-    )
-    factor, unit = scale(float(largest), unit_in(result.structure, name))
+    sizes = [branch.amplitude[:, column].max() for level in result.levels for branch in level.branches]
+    sizes += [0.5 * (m.upper - m.lower)[column] for level in result.levels for m in level.irregular]
+    factor, unit = scale(float(max(sizes)), unit_in(result.structure, name))
     with axes_for(ax, legend=legend) as axes:
         for level, colour in zip(result.levels, _colours(len(result.levels)), strict=True):
             _draw_level(axes, level, column, factor, colour)
@@ -183,18 +181,18 @@ def backbone(
     return axes
 
 
-def _damping(result: Backbone, axes: Axes) -> Axes:
+def _damping(result: Backbone, ax: Axes) -> Axes:
     """Draw the damping ratio of a nonlinear mode over its frequency."""
     lowest = 100.0 * float(np.min(result.damping))
     if result.lower_damping is not None and result.upper_damping is not None:
         ends = 100.0 * result.lower_damping, 100.0 * result.upper_damping
-        axes.fill_between(result.hz, *ends, color="black", alpha=_BAND, linewidth=0)
+        ax.fill_between(result.hz, *ends, color="black", alpha=_BAND, linewidth=0)
         lowest = min(lowest, *ends[0][np.isfinite(ends[0])].tolist())
-    axes.plot(result.hz, 100.0 * result.damping, color="black")
-    axes.set(xlabel="frequency, Hz", ylabel="damping\n%")
+    ax.plot(result.hz, 100.0 * result.damping, color="black")
+    ax.set(xlabel="frequency, Hz", ylabel="damping\n%")
     if lowest >= 0.0:
-        axes.set_ylim(bottom=0.0)
-    return axes
+        ax.set_ylim(bottom=0.0)
+    return ax
 
 
 def backbone_figure(result: Backbone) -> Figure:
@@ -203,10 +201,8 @@ def backbone_figure(result: Backbone) -> Figure:
     title = f"{result.structure.name} {what}, mode {result.mode}: half of peak to peak"
     title += not_shown(result.channels, _MOST, "channels")
 
-    def draw(channel: str, ax: Axes) -> Axes:
-        return backbone(result, channel, legend=False, ax=ax) if channel else _damping(result, ax)
-
-    return strips([*result.channels[:_MOST], ""], draw, (1.5, 1.7), title=title)
+    draws = [partial(backbone, result, channel, legend=False) for channel in result.channels[:_MOST]]
+    return strips([*draws, partial(_damping, result)], lambda draw, ax: draw(ax=ax), (1.5, 1.7), title=title)
 
 
 def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Axes:

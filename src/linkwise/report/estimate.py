@@ -156,9 +156,6 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], gra
         "doubt": _doubt(estimate, grade),
         "first": [name for name in (_first_force(estimate, pictures), "fit") if name in pictures],
         "links": identified_first,
-        "as_in_figures": lambda ends, unit: lengths_as_in_figures([f"{ends[0]:.3g} to {ends[1]:.3g} {unit}"])[
-            0
-        ],
         "figures_of": lambda link: [name for kind in LINK_FIGURES if (name := f"{kind}_{link}") in pictures],
         "modes": of_modes,
         "nmse": reported.nmse,
@@ -171,7 +168,7 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], gra
         "format_value": format_value,
         "force_title": style.force_title,
         "true_value": true_value,
-        **{own.__name__[1:]: own for own in (_ends, _numbered, _derived, _within, _length)},
+        **{own.__name__[1:]: own for own in (_ends, _numbered, _derived, _within, _length, _as_in_figures)},
     }
 
 
@@ -184,6 +181,11 @@ def _first_force(estimate: Estimate, pictures: Mapping[str, Markup]) -> str:
 def _length(link: LinkEstimate) -> tuple[float, str]:
     """What multiplies meters in the figure of a link, and the unit it gives; an angle has no prefix."""
     return (1.0, "m") if link.link.law.angular else style.scale(max(map(abs, link.d_range)), "m")
+
+
+def _as_in_figures(ends: tuple[float, float], unit: str) -> str:
+    """A range in the unit that a figure of it has."""
+    return lengths_as_in_figures([f"{ends[0]:.3g} to {ends[1]:.3g} {unit}"])[0]
 
 
 def _numbered(link: LinkEstimate) -> list[tuple[str, DerivedQuantity]]:
@@ -261,22 +263,20 @@ def _derived(quantity: DerivedQuantity) -> str:
 
 
 def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
-    """Write structure, forces of links and, of an answer that is not refused, the covariance into an empty `folder`."""
+    """Write structure, forces of links at v = 0 with 95 % bands over the range that the record visited and, of an answer that
+    is not refused, the covariance into an empty `folder`.
+    """
     write_graded(estimate.structure, Basis(result.grade, status_of(result.verdicts)), folder)
     if estimate.alternative is not None:
         asked = format_structure(estimate.alternative.given_structure)
         (folder / "alternative.toml").write_text(asked, encoding="utf-8", newline="\n")
-    for name in (one.link.name for one in estimate.links):
-        _write_force(estimate, name, folder / f"force_{name}.csv")
+    for link in estimate.links:  # columns d in m, the others in N
+        d = np.linspace(*link.d_range, GRID)
+        table = np.stack([d, *estimate.force_band(link.link.name, d)], axis=1)
+        how = {"fmt": "%.10g", "delimiter": ",", "header": "d,force,lower,upper", "comments": ""}
+        np.savetxt(folder / f"force_{link.link.name}.csv", table, **how)
     if result.grade is not Grade.REFUSED and estimate.intervals:
         write_covariance(Posterior.of(estimate), folder / COVARIANCE)
-
-
-def _write_force(estimate: Estimate, name: str, path: Path) -> None:
-    """The force at v = 0 and its 95 % band over the range that the record visited: columns d in m, the others in N."""
-    d = np.linspace(*estimate.link(name).d_range, GRID)
-    table = np.stack([d, *estimate.force_band(name, d)], axis=1)
-    np.savetxt(path, table, fmt="%.10g", delimiter=",", header="d,force,lower,upper", comments="")
 
 
 ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(

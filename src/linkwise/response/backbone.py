@@ -21,7 +21,7 @@ from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.response.bands import drawn_structures, spread
-from linkwise.response.continuation import Point, Steps, follow, locate, solve, turned
+from linkwise.response.continuation import Point, follow, locate, solve, turned
 from linkwise.response.measured import MeasuredPoints, decay_points
 from linkwise.response.modal_motion import FreeMotion, ModalMotion, PhaseResonance
 from linkwise.response.options import FORCE, Answer, AskedStructure, Drive, shown_channels
@@ -32,10 +32,8 @@ _SMALL = 1e-3  # of the amplitude asked for, of the rest position, or m: where a
 _REACHED = 1e-6  # of what is to be reached
 _LINEAR = 1e-4  # change of a frequency that a linear mode has at most
 _TRIALS = 10  # of a tenth of the amplitude before
-_LONGEST = 0.08  # step along the curve
 _VANISHED = 1e-6  # of the largest force along a curve: none
 _ROUNDING = 1e-12  # of the largest energy: less is that of no motion
-_MOST = 600  # points
 _CHANGE = 1.0 / 3.0  # of the frequency, at which a curve ends where no end is asked for
 _DRAWS = 60  # of an answer
 _STATIONS, _FEWEST = 12, 3  # points of a curve, and of a piece, near which draws have motions
@@ -419,9 +417,8 @@ def _end(
 
 def _positive(size: float, what: str) -> float:
     if not 0.0 < size < np.inf:
-        raise SimulationError(
-            f"{what} at which a backbone ends must be positive, in SI units, got {size!r}", arguments=("end",)
-        )
+        message = f"{what} at which a backbone ends must be positive, in SI units, got {size!r}"
+        raise SimulationError(message, arguments=("end",))
     return size
 
 
@@ -434,8 +431,7 @@ def _followed(motion: ModalMotion, start: Point, end: Callable[[Point], float] |
         """Whether the end is reached, or rest: a curve may come back to a linear mode, that of another well."""
         return (end is not None and end(point) >= 0.0) or float(point.sizes[0]) < float(start.sizes[0])
 
-    steps = Steps((omega / factor, omega * factor), longest=_LONGEST, most=_MOST, stop=reached)
-    points = [start, *follow(motion, start, steps)[0]]
+    points = [start, *follow(motion, start, (omega / factor, omega * factor), reached)[0]]
     if end is not None and len(points) > 1 and end(points[-1]) > 0.0 > end(points[-2]):
         points[-1] = locate(motion, points[-2], points[-1], end) or points[-1]
     return points

@@ -168,22 +168,19 @@ def basins(
     refuse_rig(structure, "basins")
     refuse_memory(structure.links, "basins")
     if len(plane) != 2 or points < 2:
-        raise SimulationError(
-            f"basins need two states and at least 2 values of each, got {len(plane)} and {points}",
-            arguments=("plane",),
-        )
+        message = f"basins need two states and at least 2 values of each, got {len(plane)} and {points}"
+        raise SimulationError(message, arguments=("plane",))
     channels = shown_channels(structure, tuple(plane), "a state of the plane", ("plane",))
     for name, (low, high) in plane.items():
-        if not (np.isfinite([low, high]).all() and low < high):
-            raise SimulationError(
-                f"{name} must go from a finite value to a higher one, in SI units, got {low:g} to {high:g}",
-                arguments=("plane",),
+        if not -np.inf < low < high < np.inf:
+            message = (
+                f"{name} must go from a finite value to a higher one, in SI units, got {low:g} to {high:g}"
             )
+            raise SimulationError(message, arguments=("plane",))
     rows = channel_rows(structure, channels)
     if np.count_nonzero(rows) != len(rows):
-        raise SimulationError(
-            "basins start from states of masses or modes; a point of a host moves as its modes do"
-        )
+        message = "basins start from states of masses or modes; a point of a host moves as its modes do"
+        raise SimulationError(message)
     first, second = (np.linspace(low, high, points) for low, high in plane.values())
     free = _MotionToRest.of(structure)
     ends = np.empty((points, points), dtype=np.intp)

@@ -6,14 +6,16 @@ thousandfold on its way. (Keller 1977; Allgower and Georg 1990.)
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.model.structure import Structure
 
 _CONVERGED = 1e-8  # of the sizes: a correction after which the next would be rounding, since Newton's method squares it
 _MOST_CORRECTIONS = 12
@@ -25,12 +27,21 @@ _MOST_TRIALS, _LOCATED = 40, 1e-8  # of the place of a bifurcation, and to what 
 _SHORTEST = 1e-7  # step, relative to the longest
 
 
-class Equations(Protocol):
-    """n equations in n + 1 unknowns."""
+@dataclass(frozen=True, eq=False)
+class Equations(ABC):
+    """n equations in n + 1 unknowns, of motions of a `structure`."""
 
+    structure: Structure
+
+    def of(self, structure: Structure) -> Self:
+        """Those of another structure of the same shape."""
+        return replace(self, structure=structure)
+
+    @abstractmethod
     def __call__(self, unknowns: Floats) -> tuple[Floats, Floats]:
         """The residual (n,) and its Jacobian (n, n + 1); NaN where there is none."""
 
+    @abstractmethod
     def sizes(self, unknowns: Floats) -> Floats:
         """The sizes (n + 1,) in which lengths along the curve are measured near these unknowns."""
 
@@ -48,19 +59,6 @@ class Point(NamedTuple):
     def parameter(self) -> float:
         """The last unknown."""
         return float(self.unknowns[-1])
-
-
-@dataclass(frozen=True)
-class Steps:
-    """How far to follow a curve: the parameter within `bounds`, steps at most `longest` sizes, and so many points at most.
-
-    `stop` ends the curve at the first point for which it is true.
-    """
-
-    bounds: tuple[float, float]
-    longest: float = 0.1
-    most: int = 2000
-    stop: Callable[[Point], bool] = lambda point: False
 
 
 def solve(equations: Equations, guess: Floats, normal: Floats | None = None) -> Point | None:
@@ -99,32 +97,40 @@ def turned(point: Point, along: Floats) -> Point:
     return point._replace(tangent=tangent / np.linalg.norm(tangent))
 
 
-def follow(equations: Equations, start: Point, steps: Steps) -> tuple[list[Point], bool]:
+def follow(
+    equations: Equations,
+    start: Point,
+    bounds: tuple[float, float],
+    stop: Callable[[Point], bool],
+    *,
+    longest: float = 0.08,
+    most: int = 600,
+) -> tuple[list[Point], bool]:
     """The points of the curve from `start` along its tangent, without the start, and whether they return to it.
 
     The last point is on the bound, where it is reached.
     """
     points: list[Point] = []
-    point, length, travelled = start, 0.3 * steps.longest, 0.0
-    while len(points) < steps.most and length > _SHORTEST * steps.longest:
+    point, length, travelled = start, 0.3 * longest, 0.0
+    while len(points) < most and length > _SHORTEST * longest:
         guess = point.unknowns + length * point.tangent * point.sizes
         found = solve(equations, guess, point.tangent)
-        if found is None or not _near(point, found, length, corner=length < _CORNER * steps.longest):
+        if found is None or not _near(point, found, length, corner=length < _CORNER * longest):
             length *= 0.5
             continue
-        if not steps.bounds[0] <= found.parameter <= steps.bounds[1]:
-            if end := _at_bound(equations, point, found, steps.bounds):
+        if not bounds[0] <= found.parameter <= bounds[1]:
+            if end := _at_bound(equations, point, found, bounds):
                 points.append(end)
             break
         if travelled > 3.0 * length and _closes(start, point, found):
             return [*points, start], True
         points.append(found)
         travelled += length
-        if steps.stop(found):
+        if stop(found):
             break
         point = found
         length *= _GROWTH if found.corrections <= _FEW else 0.5 if found.corrections >= _MANY else 1.0
-        length = min(length, steps.longest)
+        length = min(length, longest)
     return points, False
 
 

@@ -131,10 +131,8 @@ def decay_points(record: Record, hz: float, channels: Sequence[Channel]) -> Meas
         if channel.place == taken.place:
             amplitude[:, column] = ring.amplitude * omega ** (channel.order - taken.order)
     if np.isnan(amplitude).all():
-        raise RecordError(
-            f"the mode rings down most clearly in {taken}, which is not shown: show x:{taken.place}",
-            channel=taken,
-        )
+        message = f"the mode rings down most clearly in {taken}, which is not shown: show x:{taken.place}"
+        raise RecordError(message, channel=taken)
     return MeasuredPoints(ring.frequency, np.full(len(omega), np.nan), amplitude)
 
 

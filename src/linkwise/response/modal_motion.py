@@ -6,10 +6,10 @@ damping ratio, as that of a linear mode at any amplitude (Krack 2015, Computers 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from abc import abstractmethod
+from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure
-from linkwise.response.continuation import Point
+from linkwise.response.continuation import Equations, Point
 from linkwise.response.harmonic_balance import HarmonicBalance
 from linkwise.response.options import FORCE, Drive
 from linkwise.response.shooting import SAMPLES, amplitudes, free_phase
@@ -36,26 +36,13 @@ _SMALL_FORCE = 0.01  # of mass times acceleration: the first guess of the force 
 
 
 @dataclass(frozen=True, eq=False)
-class ModalMotion(ABC):
+class ModalMotion(Equations):
     """The equations of a periodic motion of a `structure`, the last unknown of which is omega in rad/s."""
 
-    structure: Structure
     near_linear: ClassVar[float]
     """How far a small motion is from the frequency of the linear mode at most, as a part of that."""
     without_small: ClassVar[str]
     """Why mode {} may have no small motion, and what to do."""
-
-    def of(self, structure: Structure) -> Self:
-        """Those of another structure of the same shape."""
-        return replace(self, structure=structure)
-
-    @abstractmethod
-    def __call__(self, unknowns: Floats) -> tuple[Floats, Floats]:
-        """The residual (n,) and its Jacobian (n, n + 1)."""
-
-    @abstractmethod
-    def sizes(self, unknowns: Floats) -> Floats:
-        """The sizes (n + 1,) of the unknowns."""
 
     @abstractmethod
     def small(self, linear: Modes, mode: int, size: float) -> tuple[Floats, Floats]:

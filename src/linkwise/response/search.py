@@ -16,7 +16,6 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.response.continuation import (
     Point,
-    Steps,
     between,
     follow,
     solve,
@@ -36,7 +35,7 @@ _ON_CURVE = 1e-3  # of its size: a curve passes so near through a motion that is
 _ASIDE = 0.01  # of its size: a simulation so far from an unstable motion leaves it
 _WILD = 100.0  # multiplier from which a motion is one of the endless unstable ones of a chaotic structure
 _BRANCH_STEPS = (_LONGEST, _LONGEST / 4, _LONGEST / 16)  # onto another curve
-_MOST_CURVES, _MOST_POINTS = 24, 600  # at a level, and of a curve each way
+_MOST_CURVES = 24  # at a level
 _PEAK_STEPS, _PEAK = 4, 1e-6  # parabolas to a peak, and the part of a step that a further one must move it
 _SHARP = 1.01  # amplitude beside a minimum over that there: of an antiresonance, which steps along the curve pass over
 _EXPONENT_TURNS = 200
@@ -179,10 +178,9 @@ def whole_curve(equations: PeriodicEquations, start: Point) -> Curve:
     def is_wild(point: Point) -> bool:
         return bool(np.abs(equations.multipliers(point)).max() > _WILD**2)
 
-    steps = Steps(equations.bounds, longest=_LONGEST, most=_MOST_POINTS, stop=is_wild)
     rising = np.eye(len(start.unknowns))[-1]
-    forward, closed = follow(equations, turned(start, rising), steps)
-    backward = [] if closed else follow(equations, turned(start, -rising), steps)[0]
+    forward, closed = follow(equations, turned(start, rising), equations.bounds, is_wild)
+    backward = [] if closed else follow(equations, turned(start, -rising), equations.bounds, is_wild)[0]
     back = [point._replace(tangent=-point.tangent) for point in reversed(backward)]
     points = [*back, turned(start, rising), *forward]
     marked = with_located(equations, points, _tests(equations))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Number
 from linkwise.model.structure import LinkShape, Structure
 from linkwise.records.channel import Channel
-from linkwise.response.continuation import Point
+from linkwise.response.continuation import Equations, Point
 from linkwise.response.options import FORCE, Drive
 from linkwise.simulation.integrator.formulas import (
     BASE_INPUT,
@@ -80,32 +79,19 @@ def channel_rows(structure: Structure, channels: Sequence[Channel]) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class PeriodicEquations(ABC):
+class PeriodicEquations(Equations):
     """The equations of periodic motion of a structure driven at one `size`, by whatever method, with a period of so many
     `turns` of the excitation; unknowns end with omega in rad/s, of which `bounds` are the lowest and the highest.
     """
 
-    structure: Structure
     drive: Drive
     size: float
     bounds: tuple[float, float]
     turns: int = field(default=1, kw_only=True)
 
-    def of(self, structure: Structure) -> Self:
-        """Those of another structure of the same shape."""
-        return replace(self, structure=structure)
-
     def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
         """Displacement in m and velocity in m/s of the base at `phases`."""
         return self.drive.base(self.size, omega, phases)
-
-    @abstractmethod
-    def __call__(self, unknowns: Floats) -> tuple[Floats, Floats]:
-        """The residual (n,) and its Jacobian (n, n + 1); NaN where there is none."""
-
-    @abstractmethod
-    def sizes(self, unknowns: Floats) -> Floats:
-        """The sizes (n + 1,) in which lengths along the curve are measured near these unknowns."""
 
     @abstractmethod
     def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:

@@ -537,7 +537,7 @@ def _map(subjects: Sequence[Subject], method: str, table: StudySummary) -> Succe
     cells = [[table.cell(subject.name, level, method) for level in decibels] for subject in subjects]
 
     def counts(name: str) -> Indices:
-        return np.array([[_count(cell, name) for cell in line] for line in cells], dtype=np.intp)
+        return np.array([[getattr(cell, name, None) or 0 for cell in line] for line in cells], dtype=np.intp)
 
     return SuccessMap(
         name=_common_name([subject.name for subject in subjects]),
@@ -550,10 +550,6 @@ def _map(subjects: Sequence[Subject], method: str, table: StudySummary) -> Succe
         wrong_trusted=counts("wrong_trusted"),
         extra_trusted=counts("extra_trusted"),
     )
-
-
-def _count(cell: Cell | None, name: str) -> int:
-    return 0 if cell is None else getattr(cell, name) or 0
 
 
 def _common_name(names: Sequence[str]) -> str:
