@@ -9,9 +9,8 @@ from present import some
 
 import linkwise as lw
 
-ROOTS = np.array(
-    [1.8751041, 4.6940911, 7.8547574, *((np.arange(4, 2000) - 0.5) * np.pi)]
-)  # cos(r) cosh(r) = -1
+# of cos(r) cosh(r) = -1
+ROOTS = np.array([1.8751041, 4.6940911, 7.8547574, *((np.arange(4, 2000) - 0.5) * np.pi)])
 # of the sum over the modes from the fourth on, of which 1999 are counted: the rest is 1e-10 of it
 LEFT_OUT = 1e-4
 

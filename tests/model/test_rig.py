@@ -184,11 +184,3 @@ def test_one_signal_has_one_unit_in_all_links() -> None:
     )
     with pytest.raises(lw.StructureError, match='signal u is in "V" here, and in "A" in another link'):
         lw.Structure("two units", (lw.Mass("m", 1.0),), links)
-
-
-def test_what_takes_no_signal_says_so() -> None:
-    valve = lw.parse_structure(VALVE)
-    with pytest.raises(
-        lw.StructureError, match=r"the law names a signal \(u\), which is not supported in basins"
-    ):
-        lw.model.link.refuse_memory(valve.links, "basins")

@@ -249,10 +249,8 @@ def test_the_longest_piece_without_a_gap_is_named(missing: list[int], longest: t
     named = str(error.value).partition("record.between(")[2].partition(")")[0]
     piece = lacking.between(*map(float, named.split(", ")))
     assert (piece.values == record.values[longest[0] : longest[1] + 1]).all()
-
-
-def test_an_input_without_any_sample_is_named() -> None:
-    message = r"channel force:m1: every sample is missing.*leave the channel out"
+    whole = record.channel("x:m1")
+    require_complete("x:m1", whole, record.start, record.rate)
+    message = r"channel x:m1: every sample is missing.*leave the channel out"
     with pytest.raises(lw.IdentificationError, match=message):
-        require_complete("force:m1", np.full(3, np.nan), 0.0, 10.0)
-    require_complete("force:m1", np.zeros(3), 0.0, 10.0)
+        require_complete("x:m1", np.full(10, np.nan), record.start, record.rate)

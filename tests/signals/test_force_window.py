@@ -35,9 +35,8 @@ def test_between_hits_a_force_is_zero() -> None:
     force = windowed.channel("force:m1")
     assert np.all(force[clean == 0.0][:50] == 0.0) and np.count_nonzero(force) < 40
     loud, mean = clean > 5 * NOISE, NOISE / np.sqrt(len(TIME))
-    np.testing.assert_allclose(
-        force[loud], (clean + noise())[loud], atol=4 * mean
-    )  # less the mean of the noise
+    # less the mean of the noise
+    np.testing.assert_allclose(force[loud], (clean + noise())[loud], atol=4 * mean)
     assert windowed.noise["force:m1"] == pytest.approx(NOISE, rel=4 / np.sqrt(2 * len(TIME)))
     assert "0 outside of 2 hits, where it shows noise of 0." in windowed.notes[-1]
 

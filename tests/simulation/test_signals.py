@@ -57,9 +57,8 @@ def test_states_follow_a_signal() -> None:
     v, i, u = record.values.T
     slope = make_interp_spline(record.time, i, 7).derivative()(record.time)[20:-20]
     rate = ((u - 4.0 * i - 5.0 * v) / 0.05)[20:-20]
-    np.testing.assert_allclose(
-        slope, rate, atol=2.0 * (80.0 / 500.0) ** 7 * abs(slope).max()
-    )  # of the spline's order
+    # of the spline's order
+    np.testing.assert_allclose(slope, rate, atol=2.0 * (80.0 / 500.0) ** 7 * abs(slope).max())
 
 
 def test_signals_that_are_missing_or_of_no_law_are_named() -> None:
@@ -86,9 +85,8 @@ def test_commands_and_files_keep_signals(
         f"simulate valve.toml --duration 1 --rate 100 --release x:m1=0.1 --signal u=2*sin(3*t) -o run.{suffix}"
     )
     record = lw.read_record(f"run.{suffix}")
-    assert record.unit("signal:u") == (
-        "?" if suffix == "mat" else "V"
-    )  # which names units of channels by none
+    # MAT files have units of channels nowhere
+    assert record.unit("signal:u") == ("?" if suffix == "mat" else "V")
     said(
         f"simulate valve.toml --duration 1 --rate 100 --release x:m1=0.1 --signal u=run.{suffix} -o again.csv"
     )

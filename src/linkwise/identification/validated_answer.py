@@ -24,7 +24,6 @@ from linkwise.likelihood.checks.recording import EXCHANGES, corrected
 from linkwise.likelihood.estimate import MaximumLikelihood
 from linkwise.model.coefficient import MASS, Coefficient, Name
 from linkwise.model.host import is_between_modes
-from linkwise.model.parameters import coefficient_slots, replace_coefficients, replace_shapes
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
@@ -252,14 +251,13 @@ def estimated_again(record: Record, posterior: Posterior, progress: Progress) ->
     starts: dict[str, float] = dict(zip(posterior.names, map(float, posterior.values), strict=True))
     deviations = dict(zip(posterior.names, posterior.covariance.diagonal() ** 0.5, strict=True))
     free = uncertain(posterior)
-    slots = coefficient_slots(free.masses, free.links, free.hosts)
+    own = {parameter.name for parameter in free.parameters}  # not those that share one of these
     known = {
         name: Coefficient.unknown(starts[name], sigma=float(deviation))
         for name, deviation in deviations.items()
-        if _is_of_host(name) and deviation > 0.0 and slots[name].coefficient.same_as is None
+        if _is_of_host(name) and deviation > 0.0 and name in own
     }
-    masses, links = replace_coefficients(free.masses, free.links, slots, known)
-    structure = replace(free, masses=masses, links=links, hosts=replace_shapes(free.hosts, known))
+    structure = free.with_coefficients(known)
     again = MaximumLikelihood(starts=starts).estimate([record], structure, progress)
     if all(cause.kind == "input noise" for cause in again.added):
         return again  # the sensors are those of the answer

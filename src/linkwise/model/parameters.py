@@ -186,28 +186,6 @@ def chosen_names(selector: str, links: Mapping[str, int], slots: Mapping[str, Co
     return chosen
 
 
-def replace_coefficients(
-    masses: tuple[Mass, ...],
-    links: tuple[Link, ...],
-    slots: Mapping[str, CoefficientSlot],
-    changes: Mapping[str, Coefficient],
-) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
-    """Masses and links with some coefficients, given by full name, replaced."""
-    new_masses, new_links = list(masses), list(links)
-    by_link: dict[int, dict[str, Coefficient]] = {}
-    for name, coefficient in changes.items():
-        slot = slots[name]
-        if slot.name.key.startswith(SHAPE) and slot.law is None:
-            continue
-        if slot.index < 0:
-            new_masses[-1 - slot.index] = replace(masses[-1 - slot.index], mass=coefficient)
-        else:
-            by_link.setdefault(slot.index, {})[slot.name.key] = coefficient
-    for index, new in by_link.items():
-        new_links[index] = replace(links[index], coefficients={**links[index].coefficients, **new})
-    return tuple(new_masses), tuple(new_links)
-
-
 def replace_shapes(hosts: tuple[Host, ...], changes: Mapping[str, Coefficient]) -> tuple[Host, ...]:
     """Hosts with some shapes, given by full name, replaced."""
     by_mode: dict[str, dict[str, Coefficient]] = {}

@@ -41,7 +41,6 @@ from linkwise.model.parameters import (
     chosen_names,
     coefficient_slots,
     free_parameters,
-    replace_coefficients,
     replace_shapes,
     resolve_sharing,
 )
@@ -308,7 +307,7 @@ class Structure(NotebookView):
             given = {name: slot.coefficient for name, slot in self._slots.items()}
             pairs = {name: (given[name], given[leader]) for name, leader in self._leaders.items()}
             resolved = {name: replace(leader, same_as=own.same_as) for name, (own, leader) in pairs.items()}
-            masses, links = replace_coefficients(self.masses, self.links, self._slots, resolved)
+            masses, links = self._parts(resolved)
             vars(self).update(masses=masses, links=links)
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
 
@@ -597,7 +596,7 @@ class Structure(NotebookView):
             raise StructureError(f"expected at least one of {choices}")
         chosen = {name for selector in which for name in self._chosen(selector)}
         freed = {name: self._slots[name].freed for name in {self._leaders.get(name, name) for name in chosen}}
-        return self._with(freed)
+        return self.with_coefficients(freed)
 
     def with_values(self, values: Mapping[Text, float]) -> Structure:
         """Set coefficients to known values.
@@ -634,7 +633,7 @@ class Structure(NotebookView):
             change = as_coefficient(value, name)
             if changes.setdefault(leader, change) != change:
                 raise StructureError(f'is equal to "{leader}", for which another value is given', name)
-        changed = self._with(changes)
+        changed = self.with_coefficients(changes)
         if not identified:
             return changed
         plain = {
@@ -642,11 +641,43 @@ class Structure(NotebookView):
             for name in changed._leaders
             if changed._slots[name].coefficient.known and not is_between_modes(name)
         }
-        return changed._with(plain) if plain else changed
+        return changed.with_coefficients(plain) if plain else changed
 
-    def _with(self, changes: Mapping[str, Coefficient]) -> Structure:
-        masses, links = replace_coefficients(self.masses, self.links, self._slots, changes)
-        return Structure(self.name, masses, links, replace_shapes(self.hosts, changes))
+    def with_coefficients(self, changes: Mapping[str, Coefficient]) -> Structure:
+        """Replace coefficients.
+
+        Parameters
+        ----------
+        changes : mapping of str to Coefficient
+            New coefficients by full name; those that share a changed one change with it.
+
+        Returns
+        -------
+        Structure
+            The structure with these.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> within = lw.Coefficient.unknown(-100.0, sigma=1.0)
+        >>> lw.bnes_chain(2).with_coefficients({"nes1.alpha": within}).parameters[0].sigma
+        1.0
+        """
+        return Structure(self.name, *self._parts(changes), replace_shapes(self.hosts, changes))
+
+    def _parts(self, changes: Mapping[str, Coefficient]) -> tuple[tuple[Mass, ...], tuple[Link, ...]]:
+        """Masses and links with some coefficients, given by full name, replaced."""
+        masses, links = list(self.masses), list(self.links)
+        by_link: dict[int, dict[str, Coefficient]] = {}
+        for name, coefficient in changes.items():
+            slot = self._slots[name]
+            if slot.index >= 0:
+                by_link.setdefault(slot.index, {})[slot.name.key] = coefficient
+            elif not slot.name.is_shape:
+                masses[-1 - slot.index] = replace(masses[-1 - slot.index], mass=coefficient)
+        for index, new in by_link.items():
+            links[index] = replace(links[index], coefficients={**links[index].coefficients, **new})
+        return tuple(masses), tuple(links)
 
     def _chosen(self, selector: str) -> list[str]:
         """Full names that one argument of `unknown` selects. Raises StructureError if there are none."""

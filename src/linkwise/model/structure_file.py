@@ -18,7 +18,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -57,11 +56,7 @@ class _StateTable(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def link_of(
-    entry: LinkTable,
-    index: int,
-    source: str,
-    rotations: Collection[str] = (),
-    signals: Mapping[str, str] = MappingProxyType({}),
+    entry: LinkTable, index: int, source: str, rotations: Collection[str], signals: Mapping[str, str]
 ) -> Link:
     """The link of entry `index` of the file `source`; at ends of `rotations` coefficients have the units of a moment and rad,
     and names of `signals` in a law that is written out are inputs in these units.

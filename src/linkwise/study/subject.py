@@ -16,7 +16,7 @@ import numpy as np
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.excitation import Excitation, Impulse
-from linkwise.model.parameters import Parameter, coefficient_slots, replace_coefficients, replace_shapes
+from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import format_structure
 from linkwise.records.channel import Channel
@@ -166,14 +166,11 @@ class Subject:
             The structure.
         """
         structure, rng = self.unknown_structure, np.random.default_rng([seed, _PRIOR])
-        slots = coefficient_slots(structure.masses, structure.links, structure.hosts)
         known = [p for p in structure.parameters if math.isfinite(p.sigma)]
         drawn: dict[str, float] = {p.name: _drawn(p, rng) for p in known}
-        stated = {name: replace(slots[name].coefficient, value=value) for name, value in drawn.items()}
-        if not stated:
-            return structure
-        masses, links = replace_coefficients(structure.masses, structure.links, slots, stated)
-        return Structure(structure.name, masses, links, replace_shapes(structure.hosts, stated))
+        own = structure.coefficient
+        stated = {name: replace(own(name), value=value) for name, value in drawn.items()}
+        return structure.with_coefficients(stated) if stated else structure
 
     @cached_property
     def judged_links(self) -> tuple[str, ...]:

@@ -151,7 +151,6 @@ def test_a_kink_that_symmetry_holds_at_zero_is_watched_when_symmetry_breaks() ->
     nudge = {"m1": "1e-6*max(0, t - 5)"}
     struck = simulate(pair, release={"v:m1": 1.0, "v:m2": 1.0}, forces=nudge, duration=40.0, rate=100.0)
     d = struck.values[-1, 1] - struck.values[-1, 0]
-    assert d == pytest.approx(
-        -0.1, abs=1e-4
-    )  # where k d + 2 (a d + b d |d|) = 0; the rest decays by exp(-10)
+    # where k d + 2 (a d + b d |d|) = 0; the rest decays by exp(-10)
+    assert d == pytest.approx(-0.1, abs=1e-4)
     closes(struck)
