@@ -8,14 +8,14 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35711  # lines of all files of tests
+TESTS = 35708  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (11, 2254),
     "analysis": (4, 506),
     "cli": (20, 1899),
-    "discovery": (18, 3460),
+    "discovery": (18, 3442),
     "estimates": (8, 1452),
     "export": (9, 787),
     "expression": (6, 1083),
