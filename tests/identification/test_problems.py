@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy
 from problems import PROBLEMS, Problem, truth
+from random_signals import random_force
 from structures import link, oscillator, with_links
 
 import linkwise as lw
@@ -53,13 +54,9 @@ def duffing() -> lw.Structure:
 @cache
 def driven(kind: str, seed: int = 3) -> lw.Record:
     """A random force up to 12 Hz, held or linear between its samples in the simulation; 40 dB."""
-    samples = round(RATE * DURATION) + 1
-    rng, frequency = np.random.default_rng(seed), np.fft.rfftfreq(samples, 1.0 / RATE)
-    band = (frequency > 1.0) & (frequency < 12.0)
-    force = np.fft.irfft(band * (rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))), samples)
-    force *= 5.0 / force.std()
-    signal = lw.model.Sampled(0.0, RATE, force, order=ORDERS[kind])
-    clean = lw.simulate(duffing(), forces={"m1": signal}, duration=DURATION, rate=RATE)
+    force = random_force(np.random.default_rng(seed), DURATION, RATE, rms=5.0)
+    forces = {"m1": replace(force, order=ORDERS[kind])}
+    clean = lw.simulate(duffing(), forces=forces, duration=DURATION, rate=RATE)
     return replace(clean.with_noise(40.0, seed=seed), simulated=None)
 
 

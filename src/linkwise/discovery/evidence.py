@@ -30,7 +30,6 @@ _NAMED = 3
 _LARGER = 8  # terms more than were selected, to show that the criterion rises again
 _RUNNERS_UP = 10
 _NEGATIVE = 2.0  # standard errors below zero from which a term of damping gives energy
-_ROUNDING = 1e-9  # of a force that is linear in the rate: friction grows less than that
 # that damping gives energy: less is at the ends of a motion, where a sum of terms bends away
 _OF_THE_TIME = 0.01
 
@@ -169,8 +168,7 @@ def opposed_damping(selection: Selection) -> tuple[str, ...]:
     """The links with terms of damping of which one gives energy: together they stand in for another form of damping.
 
     A negative term that makes damping smaller at larger elongations or rates does not, where all of them together take energy
-    throughout the motion. Negative friction, which would give most at the smallest rates, does, except beside a model error,
-    whose intervals include the effect of another form on it.
+    throughout the motion.
     """
     pairs, solution = selection.candidates.pairs, selection.quadratic.solve(selection.inside)
     damping: dict[int, list[int]] = {}
@@ -186,16 +184,10 @@ def opposed_damping(selection: Selection) -> tuple[str, ...]:
     feeding = []
     for pair, terms in opposed.items():
         d, v = (part.ravel() for part in motion[pairs[pair].name])
-        laws = [selection.entries[k].term.law for k in terms]
-        along = [[np.broadcast_to(law.force(d, rate, {}), v.shape) for law in laws] for rate in (v, 0.5 * v)]
-        forces, at_half = np.array(along)
-        power = v * forces
+        laws = (selection.entries[k].term.law for k in terms)
+        power = v * np.array([np.broadcast_to(law.force(d, v, {}), v.shape) for law in laws])
         error = np.sqrt(np.einsum("it,ij,jt->t", power, covariance[np.ix_(terms, terms)], power))
-        given = solution.values[terms] @ power < -_NEGATIVE * error
-        whole, half = (np.sum(np.abs(force), axis=1) for force in (forces, at_half))
-        of_friction = 2.0 * half > (1.0 + _ROUNDING) * whole
-        negative_friction = selection.is_exact and np.any(of_friction & (solution.z[terms] < -_NEGATIVE))
-        if negative_friction or np.mean(given) > _OF_THE_TIME:
+        if np.mean(solution.values[terms] @ power < -_NEGATIVE * error) > _OF_THE_TIME:
             feeding.append(pairs[pair].name)
     return tuple(feeding)
 

@@ -156,19 +156,6 @@ def simplest_model(quadratic: QuadraticModel, parabolas: BlockParabolas, inside:
     return inside
 
 
-def terms_asked_for(selection: Selection) -> bool:
-    """Whether, beside the fit of a simplified `selection`, a term it lacks is beyond doubt, or all measurably predict more."""
-    needless = [selection.quadratic.names.index(name) for name in selection.needless]
-    numbers, _, z = selection.quadratic.additions(selection.inside)
-    if np.any(z[np.isin(numbers, needless)] ** 2 - selection.quadratic.penalty.term > CERTAIN):
-        return True
-    parabolas = block_parabolas(selection, needless)
-    if parabolas is None:
-        return True
-    larger = parabolas.prediction([*selection.inside, *needless])
-    return larger.excess < -larger.scatter
-
-
 @dataclass(eq=False)
 class InexactRounds(Rounds):
     """Rounds of fits with a model error, by evidence that blocks agree on; then the terms that few blocks want are dropped.
@@ -247,7 +234,7 @@ class InexactRounds(Rounds):
     def simplified(self, selection: Selection) -> Selection:
         """The simplest model that predicts as well as a settled selection, fitted; that selection if none does.
 
-        Nor where a fit without the terms does not converge, or asks for them after all.
+        Nor where a fit without the terms does not converge.
         """
         fit, candidates = selection.fit, self.search.candidates
         inexact = fit.model_error > 0.0 or self.tight is not None
@@ -268,10 +255,9 @@ class InexactRounds(Rounds):
             quadratic = self.model(fit, structure, chosen)
             needless = tuple(sorted(selection.chosen - chosen))
             simpler = Selection(candidates, chosen, structure, fit, quadratic, True, number, needless)
-            asked_for = terms_asked_for(simpler)
         except (IdentificationError, np.linalg.LinAlgError):
             return selection
-        return selection if asked_for or fit.status is not AnnealingStatus.CONVERGED else simpler
+        return simpler if fit.status is AnnealingStatus.CONVERGED else selection
 
 
 def select_nearly_right(
