@@ -10,6 +10,7 @@ import pytest
 import scipy
 from present import present
 from problems import chain_record
+from random_signals import random_force
 from structures import (
     host,
     link,
@@ -238,6 +239,18 @@ def test_what_the_equations_cannot_tell_apart_is_told_together() -> None:
         ("sign", "x:m1"),
     ]
     assert "the wrong sign of x:m1 would do the same" in fit.message
+
+
+def test_accelerations_alone_tell_a_unit_that_is_off() -> None:
+    """They were given intervals, 2e7 standard errors off, as the weak form takes no accelerations."""
+    spring = oscillator("k*d + c*v + k3*d**3", k=900.0, k3=2e5, c=1.5)
+    force = {"m1": random_force(np.random.default_rng(1), 6.0, 250.0)}
+    clean = lw.simulate(spring, forces=force, duration=6.0, rate=250.0, sensors=("a",))
+    record = replace(clean.with_noise(30.0, seed=1), simulated=None)
+    assert recording_errors([record], spring.unknown("all")) == ()
+    wrong = changed(record, a_m1=1e3 * record.channel("a:m1"))
+    errors = recording_errors([wrong], spring.unknown("all"))
+    assert [(cause.kind, cause.where) for cause in errors] == [("unit", "force:m1"), ("unit", "a:m1")]
 
 
 @pytest.mark.slow

@@ -307,14 +307,18 @@ def _misfit(records: Sequence[Record], structure: Structure) -> float:
 def _is_explained(error: Cause, record: Record, structure: Structure) -> bool:
     """Whether the weak form finds no more than noise in what the laws leave of a `record` that is without an error.
 
-    Without a high pass, slow noise of the sensor is larger than before, and follows slow motion; there the power decides.
+    Without a high pass, and in displacements that are integrated, slow noise is larger than elsewhere, and follows slow
+    motion; there the power decides.
     """
     try:
-        answer = WeakForm().estimate([record], structure, silent)
+        shown = with_displacements(record, structure.masses)
+        answer = WeakForm().estimate([shown], structure, silent)
     except (LinkwiseError, np.linalg.LinAlgError):
         return False
-    slow_noise = (Verdict.SYSTEMATIC_MISFIT,) if error.kind == "high pass" else ()
-    return answer.fit_verdicts[0] in (*_EXPLAINED, *slow_noise)
+    verdict, slow = answer.fit_verdicts[0], error.kind == "high pass" or shown is not record
+    if slow and verdict is Verdict.NOISE_MISMATCH:
+        return (answer.chi_square_per_sample or 0.0) < 1.0
+    return verdict in _EXPLAINED or (slow and verdict is Verdict.SYSTEMATIC_MISFIT)
 
 
 def _exchanged(record: Record, structure: Structure) -> Iterator[Cause]:
