@@ -111,9 +111,7 @@ class WeakRegression:
     @cached_property
     def penalty(self) -> Penalty:
         """The penalty on the candidates, for the number of equations."""
-        rows = sum(
-            len(patch.layout.masses) * patch.windows for system in self.systems for patch in system.patches
-        )
+        rows = sum(len(own.layout.masses) * own.windows for system in self.systems for own in system.patches)
         return Penalty.of(self.candidates, self.names, int(rows))
 
     @property

@@ -212,11 +212,8 @@ class RigFit:
     @cached_property
     def covariance(self) -> Floats:
         """(u, u) that of the unknowns, 0 at a bound; errors of inexact laws hold how parts of the records differ."""
-        inverse, scores, inexact = (
-            self._inverse[0],
-            self.weights[:, None] * self.weighted,
-            self.model_force > 0.0,
-        )
+        inverse, inexact = self._inverse[0], self.model_force > 0.0
+        scores = self.weights[:, None] * self.weighted
         cells = 1.0 / self.weights if inexact else self.cells
         sandwich = inverse @ (self.noise_of_sums(scores, cells) + self._known) @ inverse
         if inexact:

@@ -244,6 +244,8 @@ class DriftWindows:
         Samples at the centres.
     integration_order : int
         Number of unknowns of a line: 0, 1 (value) or 2 (value and slope).
+    step : float
+        Sampling interval in s.
     """
 
     d: Floats
@@ -253,6 +255,7 @@ class DriftWindows:
     removed_line: Floats
     center: Indices
     integration_order: int
+    step: float
 
     @classmethod
     def of(cls, signals: LinkSignals, link: int, *, half: int, stride: int) -> DriftWindows:
@@ -294,6 +297,7 @@ class DriftWindows:
             removed_line=line,
             center=half + stride * np.arange(len(d)),
             integration_order=order,
+            step=signals.step,
         )
 
     def motion(self, line: Floats) -> tuple[Floats, Floats]:
@@ -338,7 +342,7 @@ class DriftCandidates:
 
 
 def drift_candidates(
-    windows: DriftWindows, link: Link, values: dict[str, float], *, reach: float = 0.0
+    windows: DriftWindows, link: Link, values: dict[str, float], *, rounds: int = 0, reach: float = 0.0
 ) -> DriftCandidates:
     """The best lines of each window, by grid search and Levenberg-Marquardt iterations.
 
@@ -350,6 +354,8 @@ def drift_candidates(
         The link.
     values : dict of str to float
         Its coefficients.
+    rounds : int, optional
+        How often a window also tries the lines of its neighbours.
     reach : float, optional
         How far in m a centre may be displaced at least.
 
@@ -361,7 +367,25 @@ def drift_candidates(
     if windows.integration_order == 0:
         line = np.zeros((2, 1, len(windows.d)))
         return DriftCandidates(line, _normal_equations(windows, link, values, line)[0], np.zeros_like(line))
-    return _distinct(_minimised(windows, link, values, _grid_minima(windows, link, values, reach)))
+    distinct = _distinct(_minimised(windows, link, values, _grid_minima(windows, link, values, reach)))
+    for _ in range(rounds):
+        new = _minimised(windows, link, values, _lines_of_neighbours(windows, distinct.lines))
+        lines = np.concatenate([distinct.lines, new.lines], axis=1)
+        spread = np.concatenate([distinct.spread, new.spread], axis=1)
+        distinct = _distinct(DriftCandidates(lines, np.concatenate([distinct.cost, new.cost]), spread))
+    return distinct
+
+
+def _lines_of_neighbours(windows: DriftWindows, lines: Floats) -> Floats:
+    """(2, 2 C, K) the lines (2, C, K) of the previous and of the next window; the first and the last keep their own."""
+    drift = lines - windows.removed_line[:, None]
+    lag = np.diff(windows.center) * windows.step
+    previous, following = drift.copy(), drift.copy()
+    previous[:, :, 1:] = drift[:, :, :-1]
+    previous[0, :, 1:] += drift[1, :, :-1] * lag
+    following[:, :, :-1] = drift[:, :, 1:]
+    following[0, :, :-1] -= drift[1, :, 1:] * lag
+    return np.concatenate([previous, following], axis=1) + windows.removed_line[:, None]
 
 
 def _distinct(candidates: DriftCandidates) -> DriftCandidates:
@@ -451,6 +475,7 @@ def _grid_minima(windows: DriftWindows, link: Link, values: dict[str, float], re
 # length of a window: shorter ones have more candidates, in longer ones the drift is not a line
 _PERIODS = 0.8
 _OVERLAP = 3
+_ROUNDS = 2  # of sharing candidates between neighbouring windows: elongations of six masses are six times as near with them
 _LARGEST_MISFIT = 30.0  # times the noise of a window: upper limit of the misfit of a candidate
 _LARGEST_TRANSITION = 1e4
 
@@ -529,7 +554,7 @@ def elongations_from_forces(signals: LinkSignals, links: tuple[Link, ...]) -> tu
         half = window_half(signals, number, _PERIODS)
         windows = DriftWindows.of(signals, number, half=half, stride=max(1, half // _OVERLAP))
         values = {**link.values, **link.zero_states}
-        candidates = drift_candidates(windows, link, values)
+        candidates = drift_candidates(windows, link, values, rounds=_ROUNDS)
         offset, slope = viterbi_path(windows, candidates, signals, number)
         rate = np.interp(sample, windows.center, slope)
         outside = (sample - np.clip(sample, windows.center[0], windows.center[-1])) * signals.step
