@@ -230,6 +230,12 @@ def lag_one_autocorrelation(misfit: Misfit) -> float:
     return float(np.max(np.sum(before * after, axis=(0, 2)) / power))
 
 
+def residual_levels(segments: Segments, misfit: Misfit) -> Floats:
+    """(C,) root mean square of the residuals of each channel."""
+    counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+    return np.asarray(np.sqrt(np.sum(misfit.residuals**2, axis=(0, 2)) / counts))
+
+
 _CHANCE = 2.0  # standard deviations of chi-square
 _LEAST = 0.08  # by which chi-square is below 1: what the estimate of the noise scatters by in long records
 _STEPS = 20  # beside the optimum; a search that takes more may creep along a bend of the likelihood ...
@@ -262,10 +268,8 @@ def with_noise_of_residuals(
         return fit
     if not isinstance(annealer.loss, Gaussian):  # whose mean cost alone is that of the noise
         return fit
-    counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
-    powers = np.sum(fit.misfit.residuals**2, axis=(0, 2)) / counts * fit.samples / freedom(segments)
-    least = np.minimum(lowest / fit.scales.sigma, 1.0)
-    factors = np.clip(np.sqrt(powers), least, 1.0)
+    levels = residual_levels(segments, fit.misfit) * np.sqrt(fit.samples / freedom(segments))
+    factors = np.clip(levels, np.minimum(lowest / fit.scales.sigma, 1.0), 1.0)
     if (factors == 1.0).all():
         return fit
     scales = replace(fit.scales, sigma=fit.scales.sigma * factors)
@@ -295,9 +299,8 @@ def with_noise_from_misfit(
     from the keyboard ends it where it is.
     """
     point, schedule = start, AnnealingSchedule()
-    counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
     for _ in range(_ROUNDS):
-        levels = np.sqrt(np.sum(fit.misfit.residuals**2, axis=(0, 2)) / counts)
+        levels = residual_levels(segments, fit.misfit)
         settled = fit.status is AnnealingStatus.CONVERGED and np.abs(levels - 1.0).max() < _EVEN
         if settled or fit.status is AnnealingStatus.INTERRUPTED:
             break
