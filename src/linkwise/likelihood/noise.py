@@ -394,14 +394,10 @@ class ColouredNoise:
         variances = self.variances
         for channel in self.channels:
             power = np.nanvar(motion[channel])
-            whitened_power = np.nanvar(self.whitened(motion[channel], channel))
+            whitened_power = np.nanvar(_innovations(motion[channel], self.coefficients[channel]))
             if power > 0.0 and whitened_power > 0.0:
                 variances[channel] = self.innovations[channel] * power / whitened_power
         return variances
-
-    def whitened(self, series: Floats, channel: int) -> Floats:
-        """The innovations of `series` (N,); NaN where one of the samples that they follow from is missing."""
-        return _innovations(series, self.coefficients[channel])
 
     def drawn(self, white: Floats, channel: int) -> Floats:
         """Noise of a channel, in units of the deviations that the residuals are whitened by, from `white` noise (N, d)."""
@@ -525,20 +521,17 @@ def _of_order(covariances: Floats, samples: int) -> Floats:
 
 
 def _innovations(series: Floats, coefficients: Floats) -> Floats:
+    """The innovations of `series` (N,); NaN where one of the samples that they follow from is missing."""
     return np.convolve(series, np.append(1.0, -coefficients), mode="valid")
 
 
 def _tapered(innovations: Floats) -> Floats:
     """Their autocorrelations times Parzen's window, whose transform is never negative."""
     highest = min(_SMOOTHED, int(np.isfinite(innovations).sum()) // _SAMPLES_PER_LAG)
-    covariances = _autocovariances(innovations, highest)
-    return np.asarray(_parzen(highest) * covariances / covariances[0])
-
-
-def _parzen(highest: int) -> Floats:
-    """(highest + 1,) the window of Parzen (1961) from its middle on; importing `scipy.signal` takes longer than a fit."""
-    lag = np.arange(highest + 1) / (highest + 0.5)
-    return np.where(lag <= 0.5, 1.0 - 6.0 * lag**2 * (1.0 - lag), 2.0 * (1.0 - lag) ** 3)
+    covariances, lag = _autocovariances(innovations, highest), np.arange(highest + 1) / (highest + 0.5)
+    # importing `scipy.signal`, which has it (Parzen 1961), takes longer than a fit
+    window = np.where(lag <= 0.5, 1.0 - 6.0 * lag**2 * (1.0 - lag), 2.0 * (1.0 - lag) ** 3)
+    return np.asarray(window * covariances / covariances[0])
 
 
 def _is_steady(innovations: Floats) -> bool:

@@ -219,18 +219,13 @@ def blocks_in(longer: Segments, shorter: Segments) -> int:
 
     Their ends are the same, or there are so many segments in each that one more or less hardly matters.
     """
-    joined = len(longer.samples) // len(shorter.samples)
-    many = longer.count >= EQUAL * BLOCKS[0]
-    return BLOCKS[0] if many or _same_blocks(shorter.count, joined) else 1
-
-
-def _same_blocks(count: int, joined: int) -> bool:
-    """Whether blocks of so many segments `joined` to one end where those of `count` short ones do."""
-    blocks, longer = BLOCKS[0], -(-count // joined)
-    if longer < FEWEST * blocks:
-        return False
-    before, after = (np.array(block_ends(size, blocks))[:-1] for size in (count, longer))
-    return bool(np.max(np.abs(joined * after - before)) <= _BLOCK_SHIFT * count / blocks)
+    blocks, joined = BLOCKS[0], len(longer.samples) // len(shorter.samples)
+    if longer.count >= EQUAL * blocks:
+        return blocks
+    count, together = shorter.count, -(-shorter.count // joined)
+    before, after = (np.array(block_ends(size, blocks))[:-1] for size in (count, together))
+    same = np.max(np.abs(joined * after - before)) <= _BLOCK_SHIFT * count / blocks
+    return blocks if same and together >= FEWEST * blocks else 1
 
 
 @dataclass(frozen=True, eq=False)
