@@ -429,18 +429,14 @@ class _Unknowns:
         return cls(forces, 2 * len(records) + found * (1 + fading), *eliminated)
 
     @property
-    def places(self) -> Indices:
-        """(f, h / f) the numbers of the unknowns of each force."""
-        return np.arange(len(self.forces) * self.each).reshape(len(self.forces), self.each)
-
-    @property
     def _inverse(self) -> Floats:
         return np.asarray(np.linalg.pinv(self.information, rcond=1e-13, hermitian=True))
 
     @property
     def rates(self) -> tuple[Floats, Floats]:
         """The rates in 1/s at which forces and hums fade, all else following, and the standard errors of these."""
-        places = [*self.places[:, -1], *range(self.places.size, len(self.score))]
+        behind = len(self.forces) * self.each
+        places = [*range(self.each - 1, behind, self.each), *range(behind, len(self.score))]
         inverse = self._inverse
         return (inverse @ self.score)[places], np.sqrt(inverse.diagonal()[places])
 
@@ -460,10 +456,10 @@ class _Unknowns:
         step = np.zeros(len(self.score))
         step[at] = np.linalg.lstsq(self.information[np.ix_(at, at)], self.score[at], rcond=1e-13)[0]
         forces = []
-        for force, own in zip(self.forces, self.places, strict=True):
-            pairs = np.array(force.amplitudes) + step[own[:-1]].reshape(-1, 2)
+        for force, own in zip(self.forces, step.reshape(len(self.forces), -1), strict=True):
+            pairs = np.array(force.amplitudes) + own[:-1].reshape(-1, 2)
             amplitudes = tuple((float(a), float(b)) for a, b in pairs)
-            frequency = force.frequency + float(step[own[-1]])
+            frequency = force.frequency + float(own[-1])
             forces.append(replace(force, frequency=frequency, amplitudes=amplitudes))
         deviations = np.maximum(self.deviations.ravel(), np.finfo(float).tiny)
         return step / deviations, tuple(forces)

@@ -235,6 +235,12 @@ def lag_one_autocorrelation(misfit: Misfit) -> float:
     return float(np.max(np.sum(before * after, axis=(0, 2)) / power))
 
 
+def residual_levels(segments: Segments, misfit: Misfit) -> Floats:
+    """(C,) root mean square of the residuals of each channel."""
+    counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+    return np.asarray(np.sqrt(np.sum(misfit.residuals**2, axis=(0, 2)) / counts))
+
+
 _CHANCE = 2.0  # standard deviations of chi-square
 _LEAST = 0.08  # by which chi-square is below 1: what the estimate of the noise scatters by in long records
 _STEPS = 20  # beside the optimum; a search that takes more may creep along a bend of the likelihood ...
@@ -267,10 +273,8 @@ def with_noise_of_residuals(
         return fit
     if not isinstance(annealer.loss, Gaussian):  # whose mean cost alone is that of the noise
         return fit
-    counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
-    powers = np.sum(fit.misfit.residuals**2, axis=(0, 2)) / counts * fit.samples / freedom(segments)
-    least = np.minimum(lowest / fit.scales.sigma, 1.0)
-    factors = np.clip(np.sqrt(powers), least, 1.0)
+    levels = residual_levels(segments, fit.misfit) * np.sqrt(fit.samples / freedom(segments))
+    factors = np.clip(levels, np.minimum(lowest / fit.scales.sigma, 1.0), 1.0)
     if (factors == 1.0).all():
         return fit
     scales = replace(fit.scales, sigma=fit.scales.sigma * factors)
@@ -300,9 +304,8 @@ def with_noise_from_misfit(
     from the keyboard ends it where it is.
     """
     point, schedule = start, AnnealingSchedule()
-    counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
     for _ in range(_ROUNDS):
-        levels = np.sqrt(np.sum(fit.misfit.residuals**2, axis=(0, 2)) / counts)
+        levels = residual_levels(segments, fit.misfit)
         settled = fit.status is AnnealingStatus.CONVERGED and np.abs(levels - 1.0).max() < _EVEN
         if settled or fit.status is AnnealingStatus.INTERRUPTED:
             break
@@ -396,14 +399,10 @@ class ColouredNoise:
         variances = self.variances
         for channel in self.channels:
             power = np.nanvar(motion[channel])
-            whitened_power = np.nanvar(self.whitened(motion[channel], channel))
+            whitened_power = np.nanvar(_innovations(motion[channel], self.coefficients[channel]))
             if power > 0.0 and whitened_power > 0.0:
                 variances[channel] = self.innovations[channel] * power / whitened_power
         return variances
-
-    def whitened(self, series: Floats, channel: int) -> Floats:
-        """The innovations of `series` (N,); NaN where one of the samples that they follow from is missing."""
-        return _innovations(series, self.coefficients[channel])
 
     def drawn(self, white: Floats, channel: int) -> Floats:
         """Noise of a channel, in units of the deviations that the residuals are whitened by, from `white` noise (N, d)."""
@@ -527,20 +526,17 @@ def _of_order(covariances: Floats, samples: int) -> Floats:
 
 
 def _innovations(series: Floats, coefficients: Floats) -> Floats:
+    """The innovations of `series` (N,); NaN where one of the samples that they follow from is missing."""
     return np.convolve(series, np.append(1.0, -coefficients), mode="valid")
 
 
 def _tapered(innovations: Floats) -> Floats:
     """Their autocorrelations times Parzen's window, whose transform is never negative."""
     highest = min(_SMOOTHED, int(np.isfinite(innovations).sum()) // _SAMPLES_PER_LAG)
-    covariances = _autocovariances(innovations, highest)
-    return np.asarray(_parzen(highest) * covariances / covariances[0])
-
-
-def _parzen(highest: int) -> Floats:
-    """(highest + 1,) the window of Parzen (1961) from its middle on; importing `scipy.signal` takes longer than a fit."""
-    lag = np.arange(highest + 1) / (highest + 0.5)
-    return np.where(lag <= 0.5, 1.0 - 6.0 * lag**2 * (1.0 - lag), 2.0 * (1.0 - lag) ** 3)
+    covariances, lag = _autocovariances(innovations, highest), np.arange(highest + 1) / (highest + 0.5)
+    # importing `scipy.signal`, which has it (Parzen 1961), takes longer than a fit
+    window = np.where(lag <= 0.5, 1.0 - 6.0 * lag**2 * (1.0 - lag), 2.0 * (1.0 - lag) ** 3)
+    return np.asarray(window * covariances / covariances[0])
 
 
 def _is_steady(innovations: Floats) -> bool:

@@ -133,9 +133,7 @@ def random_forces(
         unit = unit_in(structure, f"{_INPUT}{name}")
         density = _positive(value, f"the ambient force on {name}", f"{unit}/sqrt(Hz)")
         forces[name] = RandomForce(name, density, ambient=True, unit=unit)
-    channels: list[str] = [*record.forces]
-    moving = exciting_base(record, structure) if input_noise else None
-    channels += [] if moving is None else [moving]
+    channels = _acting(record, structure) if input_noise else []
     if input_noise and not channels:
         raise IdentificationError(
             "no noise of an input can be estimated: the record has no applied force, and no motion of a base that the "
@@ -157,7 +155,7 @@ def random_forces(
         unit = unit_in(structure, channel)
         sigma = _positive(value, f"the noise of {channel}", unit)
         forces[name] = RandomForce(name, sigma, ambient=False, unit=unit)
-        if channel == moving:
+        if channel not in record.forces:
             _require_white(channel, record, structure)
     return tuple(forces[name] for name in (*names, *_OF_BASE) if name in forces)
 
@@ -169,9 +167,8 @@ def with_noise_of_signals(
 
     What is not stated is that which the records show. Raises IdentificationError for a deviation that is not positive.
     """
-    signals, base = [f"signal:{name}" for name in structure.signals], exciting_base(records[0], structure)
-    inputs = [*records[0].forces, *(() if base is None else (base,)), *signals]
-    stated = _by_name(input_noise, inputs) if signals else {}
+    signals = [f"signal:{name}" for name in structure.signals]
+    stated = _by_name(input_noise, [*_acting(records[0], structure), *signals]) if signals else {}
     noise = {
         name: _positive(size, f"the noise of {name}", unit_in(structure, name))
         for name, size in stated.items()
@@ -191,11 +188,10 @@ def noise_of_channels(records: Sequence[Record], structure: Structure) -> dict[s
     fills the band throughout shows none.
     """
     found: dict[str, float] = {}
-    base = exciting_base(records[0], structure)
     every = (f"signal:{name}" for name in structure.signals)
     # whose steps fill the band
     signals = (name for name in every if records[0].interpolation.get(name) != HELD)
-    for channel in (*records[0].forces, *(() if base is None else (base,)), *signals):
+    for channel in (*_acting(records[0], structure), *signals):
         powers = [_noise_power(record, channel) for record in records]
         if any(powers):
             found[channel] = float(np.sqrt(np.mean(powers)))
@@ -221,6 +217,11 @@ def exciting_base(record: Record, structure: Structure) -> str | None:
         or framed(record, structure, integrated=True).acceleration is not None
     )
     return named[0] if named and acts else None
+
+
+def _acting(record: Record, structure: Structure) -> list[str]:
+    """The channels of applied forces, and that of the base where it acts."""
+    return [*record.forces, *filter(None, [exciting_base(record, structure)])]
 
 
 def _require_white(channel: str, record: Record, structure: Structure) -> None:

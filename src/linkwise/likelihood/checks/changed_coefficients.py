@@ -83,40 +83,13 @@ def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
 def likeliest_change(
     fit: LikelihoodFit, records: Sequence[Record], tested: TestedCauses | None, causes: Sequence[Cause]
 ) -> Cause | None:
-    """The change of a coefficient that explains much more than all `causes`; None where none is significant, or tested."""
-    large = is_long(fit.segments) or fit.chi_square > _LARGEST
-    if large or fit.random_forces or not isinstance(fit.optimum.loss, Gaussian):
-        return None
-    least = LIKELIER + max((cause.gain for cause in causes), default=0.0)
-    change = _significant_change(fit, records, tested)
-    return change if change is not None and change.gain >= least else None
-
-
-def _changes(scores: BlockScores, known: Floats, parameters: int) -> tuple[Floats, Floats, Floats]:
-    """Slopes and information (m, p) of changes of the first `parameters` of u unknowns behind each of m blocks, all scaled.
-
-    So much information (u, u) is `known` beforehand. Last the variance (p,) of neighbouring blocks over that of noise. Raises
-    numpy.linalg.LinAlgError where the equations are singular.
-    """
-    before, pull = (np.cumsum(of, axis=0)[:-1] for of in (scores.information, scores.scores))
-    inverse = np.linalg.inv(scores.information.sum(axis=0) + known)
-    own = np.einsum("bii->bi", before)
-    left = own - np.einsum("bij,jk,bki->bi", before, inverse, before)
-    left = np.where(left > _LEFT * own, left, np.inf)[:, :parameters]
-    beside = inverse[:, :parameters] / inverse.diagonal()[:parameters]
-    steps = np.diff(scores.scores @ beside, axis=0)
-    expected = np.einsum("up,buv,vp->bp", beside, scores.information, beside)
-    scatter = np.sum(steps**2, axis=0) / np.sum(expected[1:] + expected[:-1], axis=0)
-    return pull[:, :parameters], left, scatter
-
-
-def _significant_change(
-    fit: LikelihoodFit, records: Sequence[Record], tested: TestedCauses | None
-) -> Cause | None:
-    """The change of a coefficient that explains most of what is left, among those that are significant; None without any.
+    """The change of a coefficient that explains much more than all `causes`; None where none is significant, or tested.
 
     None of more than the coefficient itself, which is no small one.
     """
+    large = is_long(fit.segments) or fit.chi_square > _LARGEST
+    if large or fit.random_forces or not isinstance(fit.optimum.loss, Gaussian):
+        return None
     segments, scores = _scores(fit, tested)
     if scores is None:
         return None
@@ -136,11 +109,10 @@ def _significant_change(
     gains, sizes = pull**2 / left / noise**2, -pull / left * scales
     if not gains.size:
         return None
-    least = _CHANCE + 2.0 * np.log(gains.size)
-    significant = gains > least * np.maximum(scatter / noise**2, 1.0)
+    significant = gains > (_CHANCE + 2.0 * np.log(gains.size)) * np.maximum(scatter / noise**2, 1.0)
     gains = np.where(significant & (np.abs(sizes) < np.abs(fit.values[free])), gains, 0.0)
     block, number = np.unravel_index(int(np.argmax(gains)), gains.shape)
-    if not gains[block, number] > 0.0:
+    if gains[block, number] < LIKELIER + max((cause.gain for cause in causes), default=0.0):
         return None
     alike = np.flatnonzero(gains.max(axis=0) > _ALIKE * gains[block, number])
     others = [parameters.names[place] for place in free[alike].tolist() if place != free[number]]
@@ -154,6 +126,24 @@ def _significant_change(
         source=moment(segments, int(block_ends(segments.count, BLOCKS[0])[int(block) + 1]), records),
         remark=f"or of {' or '.join(others)}" if others else "",
     )
+
+
+def _changes(scores: BlockScores, known: Floats, parameters: int) -> tuple[Floats, Floats, Floats]:
+    """Slopes and information (m, p) of changes of the first `parameters` of u unknowns behind each of m blocks, all scaled.
+
+    So much information (u, u) is `known` beforehand. Last the variance (p,) of neighbouring blocks over that of noise. Raises
+    numpy.linalg.LinAlgError where the equations are singular.
+    """
+    before, pull = (np.cumsum(of, axis=0)[:-1] for of in (scores.information, scores.scores))
+    inverse = np.linalg.inv(scores.information.sum(axis=0) + known)
+    own = np.einsum("bii->bi", before)
+    left = own - np.einsum("bij,jk,bki->bi", before, inverse, before)
+    left = np.where(left > _LEFT * own, left, np.inf)[:, :parameters]
+    beside = inverse[:, :parameters] / inverse.diagonal()[:parameters]
+    steps = np.diff(scores.scores @ beside, axis=0)
+    expected = np.einsum("up,buv,vp->bp", beside, scores.information, beside)
+    scatter = np.sum(steps**2, axis=0) / np.sum(expected[1:] + expected[:-1], axis=0)
+    return pull[:, :parameters], left, scatter
 
 
 def _scores(fit: LikelihoodFit, tested: TestedCauses | None) -> tuple[Segments, BlockScores | None]:

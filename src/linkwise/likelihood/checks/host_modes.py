@@ -17,12 +17,11 @@ from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit, motion_of_links
-from linkwise.modal.measured import MeasuredRun, ModalMeasurement
-from linkwise.modal.oscillators import SampledForce
+from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import Projection, best_addition
 from linkwise.model.host import Host
 from linkwise.model.structure import Structure
-from linkwise.records.channel import BASE
+from linkwise.records.channel import BASE, Channel
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
 
@@ -111,25 +110,14 @@ def _measured(
     values = [mode.frequency.value for mode in host.modes]
     if not sensors or not acting or None in values or len(values) > _MODES:
         return None
-    responses = np.stack([record.channel(name) for name in sensors])
-    complete = int(np.isfinite(responses).all(axis=0).sum())
+    shown = np.column_stack([record.select(sensors).values, *acting.values()])
+    complete = int(np.isfinite(shown).all(axis=1).sum())
     if complete < _SHORTEST * (len(values) + 1) * (len(acting) + 2):
         return None
-    points = tuple(host.points)
-    run = MeasuredRun(
-        responses,
-        np.array([noise.get(name) or 1.0 for name in sensors]),
-        tuple(SampledForce(force, record.step) for force in acting.values()),
-        record.step,
-    )
-    return ModalMeasurement(
-        host.name,
-        points,
-        np.array([channel.order for channel in sensors]),
-        np.array([points.index(channel.place) for channel in sensors]),
-        np.array([points.index(point) for point in acting]),
-        (run,),
-    )
+    channels = (*sensors, *(Channel("force", point) for point in acting))
+    deviations = {name: noise.get(name) or 1.0 for name in sensors}
+    test = Record(0.0, record.rate, channels, shown, noise=deviations)
+    return ModalMeasurement.of([test], host.name, scaled=False)
 
 
 def _lacking_mode(host: Host, measured: ModalMeasurement) -> Cause | None:
@@ -160,10 +148,10 @@ def _lacking_mode(host: Host, measured: ModalMeasurement) -> Cause | None:
 
 def _lacks_a_stated_one(host: Host, stated: Sequence[str], modes: Projection) -> bool:
     """Whether the sensors do not show a stated mode that they should: then it is another one, and none is lacking."""
-    measured, shapes = modes.measured, {point: host.shape(point) for point in host.points}
+    measured = modes.measured
     [run] = measured.runs
     for number, name in enumerate(stated):
-        shape = np.array([shapes[point][name] for point in measured.points])
+        shape = np.array([host.shape(f"{host.name}.{point}")[name] for point in measured.points])
         driven = np.tensordot(
             shape[measured.forced], run.motions(*np.exp(modes.logs[number]))[: len(run.forces)], axes=1
         )

@@ -73,38 +73,24 @@ those of 10 s of random motion differ from those of an endless record by about a
 beside missing damping by a third of that. Of several powers each has a higher limit, as chance gives more of them."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
 def _hinted(fit: LikelihoodFit, tested: TestedCauses, *, doubted: bool) -> Hint | None:
     """What usual terms, none of them significant, add to the covariance of a fit that leaves only noise; None if none does.
 
     Damping between modes of hosts counts as one. Those at which the residuals hint; where it is `doubted` that the laws are
     exact, those of one link that are farther from zero than their standard error, of more links fewer, as chance gives more of
-    them (Foster and George, Ann. Statist. 22, 1994).
+    them (Foster and George, Ann. Statist. 22, 1994). Each is the likeliest beside those before it, up to a number.
     """
-    numbers = tested.of_laws
-    if not len(numbers):
-        return None
-    hypotheses, p = [tested.hypotheses[number] for number in numbers], len(fit.values)
-    limits = _limits(hypotheses, doubted=doubted)
-    if not np.any(tested.tests.gains[numbers] > limits * fit.optimum.noise**2):
+    numbers, optimum, p = tested.of_laws, fit.optimum, len(fit.values)
+    hypotheses = [tested.hypotheses[number] for number in numbers]
+    least = _limits(hypotheses, doubted=doubted)
+    if not np.any(tested.tests.gains[numbers] > least * optimum.noise**2):
         return None
     quadratic = tested.quadratic.within([*range(p), *(p + numbers)])
-    return _added(fit, hypotheses, quadratic, limits, _MOST_DOUBTED if doubted else _MOST)
-
-
-@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
-def _added(
-    fit: LikelihoodFit,
-    hypotheses: Sequence[Hypothesis],
-    quadratic: Quadratic,
-    least: Floats,
-    at_most: int,
-) -> Hint | None:
-    """The terms that gain more than the `least` (h,), each the likeliest beside those before it, up to a number."""
-    optimum, p = fit.optimum, len(fit.values)
     scale = 1.0 / np.sqrt(np.maximum(quadratic.curvature.diagonal(), np.finfo(float).tiny))
     curvature, slope = quadratic.curvature * np.outer(scale, scale), quadratic.slope * scale
     order, added = np.arange(len(slope)), 0
-    for position in range(p, p + min(at_most, len(hypotheses))):
+    for position in range(p, p + min(_MOST_DOUBTED if doubted else _MOST, len(hypotheses))):
         among = np.ix_(order, order)
         gains = Quadratic(curvature[among], slope[order]).tests(position).gains
         beyond = np.where(np.isfinite(gains), gains, 0.0) / optimum.noise**2

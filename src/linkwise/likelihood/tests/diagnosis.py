@@ -149,6 +149,7 @@ Hint = tuple[dict[str, Floats], str]
 """What is added to the covariance (p, p) of the coefficients, by what makes it wider, and at what the residuals hint."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere
 def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     """The masses and the errors of sensors to which the residuals of laws that leave only noise point, each alone.
 
@@ -156,46 +157,30 @@ def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     would change a coefficient by more than its standard error; of sensors those alone that coefficients resemble, so that
     they change by more than the error is significant. None without any.
     """
-    sensors = tested.which(lambda one: one.kind in _USUAL_ERRORS)
-    added, words = dict[str, Floats](), list[str]()
-    for what, numbers, resemblance in (("masses", tested.stated_masses(), 0.0), ("sensors", sensors, 1.0)):
-        hint = _hinted(fit, tested, numbers, resemblance)
-        if hint is not None:
-            added[what] = hint[0]
-            words.append(hint[1])
-    return (added, " or ".join(words)) if added else None
-
-
-def _hinted(
-    fit: LikelihoodFit, tested: TestedCauses, number: Indices, resemblance: float
-) -> tuple[Floats, str] | None:
-    """What those among hypotheses of these numbers to which residuals point add to the covariance (p, p), and their names.
-
-    Those count that move a coefficient by more than `resemblance` times what they are significant by, in standard errors.
-    """
-    optimum = fit.optimum
-    moves = tested.tests.changes[:, number] * optimum.scales.theta[: len(fit.values), np.newaxis]
+    optimum, tests = fit.optimum, tested.tests
+    moves = tests.changes * optimum.scales.theta[: len(fit.values), np.newaxis]
     moves = np.where(fit.free[:, np.newaxis], moves, 0.0)
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny))
     shifts = np.max(np.abs(moves) / deviations[:, np.newaxis], axis=0, initial=0.0)
-    gains = tested.tests.gains[number] / (optimum.noise * beyond_white(fit)) ** 2
-    resembled = shifts > resemblance * np.sqrt(gains)
-    largest = float(np.max(gains[resembled], initial=0.0))
-    if not largest > _HINT + 2.0 * np.log(max(int(np.count_nonzero(resembled)), 1)):
-        return None
-    errors = tested.tests.sizes[number] * tested.units[number]
-    relative = np.array([CAUSE_KINDS[tested.hypotheses[k].kind].relative for k in number])
-    small = ~relative | (np.abs(errors) < LARGEST)
-    likely = np.flatnonzero(resembled & (shifts > _FELT) & (gains > _AS_LIKELY * largest) & small)
-    if not len(likely):
-        return None
-    likely = likely[np.argsort(-gains[likely])]
-    words = []
-    for k in likely:
-        one = tested.hypotheses[number[k]]
-        cause = Cause(one.kind, one.where, float(errors[k]), unit_of(one, tested.structure), 0.0, 0.0)
-        words.append(cause.description)
-    return moves[:, likely] @ moves[:, likely].T, " or ".join(words)
+    gains = tests.gains / (optimum.noise * beyond_white(fit)) ** 2
+    sensors = tested.which(lambda one: one.kind in _USUAL_ERRORS)
+    added, words = dict[str, Floats](), list[str]()
+    for what, among, resemblance in (("masses", tested.stated_masses(), 0.0), ("sensors", sensors, 1.0)):
+        resembled = among[shifts[among] > resemblance * np.sqrt(gains[among])]
+        largest = float(np.max(gains[resembled], initial=0.0))
+        if not largest > _HINT + 2.0 * np.log(max(len(resembled), 1)):
+            continue
+        likely = list[int]()
+        for k in resembled[np.argsort(-gains[resembled])].tolist():
+            one, size = tested.hypotheses[k], float(tests.sizes[k] * tested.units[k])
+            is_small = not CAUSE_KINDS[one.kind].relative or abs(size) < LARGEST
+            if is_small and shifts[k] > _FELT and gains[k] > _AS_LIKELY * largest:
+                cause = Cause(one.kind, one.where, size, unit_of(one, tested.structure), 0.0, 0.0)
+                words.append(cause.description)
+                likely.append(k)
+        if likely:
+            added[what] = moves[:, likely] @ moves[:, likely].T
+    return (added, " or ".join(words)) if added else None
 
 
 def beyond_white(fit: LikelihoodFit) -> float:
@@ -232,18 +217,13 @@ def blocks_in(longer: Segments, shorter: Segments) -> int:
 
     Their ends are the same, or there are so many segments in each that one more or less hardly matters.
     """
-    joined = len(longer.samples) // len(shorter.samples)
-    many = longer.count >= EQUAL * BLOCKS[0]
-    return BLOCKS[0] if many or _same_blocks(shorter.count, joined) else 1
-
-
-def _same_blocks(count: int, joined: int) -> bool:
-    """Whether blocks of so many segments `joined` to one end where those of `count` short ones do."""
-    blocks, longer = BLOCKS[0], -(-count // joined)
-    if longer < FEWEST * blocks:
-        return False
-    before, after = (np.array(block_ends(size, blocks))[:-1] for size in (count, longer))
-    return bool(np.max(np.abs(joined * after - before)) <= _BLOCK_SHIFT * count / blocks)
+    blocks, joined = BLOCKS[0], len(longer.samples) // len(shorter.samples)
+    if longer.count >= EQUAL * blocks:
+        return blocks
+    count, together = shorter.count, -(-shorter.count // joined)
+    before, after = (np.array(block_ends(size, blocks))[:-1] for size in (count, together))
+    same = np.max(np.abs(joined * after - before)) <= _BLOCK_SHIFT * count / blocks
+    return blocks if same and together >= FEWEST * blocks else 1
 
 
 @dataclass(frozen=True, eq=False)

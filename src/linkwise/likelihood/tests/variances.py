@@ -43,6 +43,7 @@ import scipy
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.noise import residual_levels
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.normal_equations import BorderedFactor, Linearization, chunks, linearise
 from linkwise.likelihood.shooting.residuals import Gaussian
@@ -568,8 +569,7 @@ def noise_draws(optimum: Optimum, draws: int, rng: np.random.Generator) -> Calla
     segments = optimum.segments
     M, C, K = segments.samples.shape
     if optimum.coloured is None:
-        samples = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
-        sizes = np.sqrt(np.sum(optimum.misfit.residuals**2, axis=(0, 2)) / samples)[:, None]
+        sizes = residual_levels(segments, optimum.misfit)[:, None]
         return lambda part: (sizes * rng.standard_normal((part.stop - part.start, M, C, draws))).reshape(
             part.stop - part.start, M * C, draws
         )
