@@ -39,7 +39,7 @@ from linkwise.likelihood.noise import (
 )
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
-from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
+from linkwise.likelihood.shooting.linear_model import linear_model
 from linkwise.likelihood.shooting.minimise import (
     Annealer,
     AnnealingFit,
@@ -47,8 +47,7 @@ from linkwise.likelihood.shooting.minimise import (
     AnnealingStatus,
     freedom,
 )
-from linkwise.likelihood.shooting.neighbourhoods import linear_model
-from linkwise.likelihood.shooting.normal_equations import Linearization
+from linkwise.likelihood.shooting.normal_equations import FactoredModel, Linearization, block_information
 from linkwise.likelihood.shooting.residuals import (
     Gaussian,
     LongerSegments,
