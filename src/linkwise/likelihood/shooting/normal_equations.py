@@ -502,11 +502,8 @@ def linearise(
         by_border = rows[..., m:]
         product = rows[..., :m].transpose(0, 2, 1) @ rows
         right, right_ends = model.right[part], model.right_ends[part]
-        model.state[part], right[..., own], right[..., p] = (
-            product[..., :m],
-            product[..., m:-1],
-            product[..., -1],
-        )
+        model.state[part], right[..., own] = product[..., :m], product[..., m:-1]
+        right[..., p] = product[..., -1]
         ends *= model.joined[part, :, None]
         model.state_ends[part], right_ends[..., own] = ends[..., :m], ends[..., m:]
         ends = np.concatenate([ends[..., m:], right_ends[..., p:]], axis=2)
