@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35764  # lines of all files of tests
+TESTS = 35743  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1943),
     "identification": (13, 2400),
     "inspection": (10, 1884),
-    "likelihood": (63, 14068),
+    "likelihood": (63, 14043),
     "modal": (5, 853),
     "model": (17, 2995),
     "paper": (3, 368),

@@ -489,10 +489,11 @@ def linearise(
     of few segments are multiplied in single precision, and the products summed in double precision, in which the ends are.
     """
     segments = misfit.segments
-    m, p = segments.system.dimension, segments.parameters + extra_columns(candidates, errors)
+    forces, sizes = extra_columns(candidates, errors)
+    m, p = segments.system.dimension, segments.parameters + forces + sizes
     model = empty_model(misfit, p, blocks, np.float64)
     last = p - segments.sensors.unknowns
-    first = last - extra_columns(None, errors)
+    first = last - sizes
     others = np.r_[:first, last:p]  # than the errors
     own = as_slice(others)
     corner = (..., own, own) if isinstance(own, slice) else (..., others[:, None], others)
@@ -529,7 +530,7 @@ def linearise(
             sums.append((model.of_data.gradients, (block, at), beside[:, -1]))
         return sums
 
-    parts = chunks(segments, segments.parameters + extra_columns(candidates, None))
+    parts = chunks(segments, segments.parameters + forces)
     return filled(model, parts, work, executor, misfit)
 
 
