@@ -122,12 +122,8 @@ def fisher_information(
     The sensitivities of a segment are reduced by QR, not by normal equations, which projects the initial states out without
     loss of digits; of order 4 in the step, as the tangents are. Amplitudes of `random` inputs are projected out with them.
     """
-    p, m, d = (
-        segments.system.parameters.size,
-        len(scales.state),
-        0 if random is None else random.sums.shape[1],
-    )
-    forces = None if random is None else random.forces
+    p, m = segments.system.parameters.size, len(scales.state)
+    forces, d = (None, 0) if random is None else (random.forces, random.sums.shape[1])
     misfit = evaluate(segments, point, scales, Gaussian())
     fisher, diagonal = np.zeros((p, p)), np.zeros(p)
     for part in chunks(segments, p + (0 if forces is None else len(forces.first))):

@@ -388,19 +388,13 @@ def is_long(segments: Segments) -> bool:
     )
 
 
-def search_long_record(
-    segments: Segments, start: Misfit, scales: Scales, annealer: Annealer, limit: float
-) -> AnnealingFit | None:
+def search_long_record(start: Misfit, annealer: Annealer, limit: float) -> AnnealingFit | None:
     """The optimum of a long record at the tightest links that lead to it straight.
 
     Parameters
     ----------
-    segments : Segments
-        The record, of which `is_long` holds.
     start : Misfit
-        That of the unknowns to start from.
-    scales : Scales
-        Their units.
+        That of the unknowns to start from, in segments of which `is_long` holds.
     annealer : Annealer
         How annealing runs.
     limit : float
@@ -412,6 +406,7 @@ def search_long_record(
         The fit; None where laws leave more than noise, an unknown is at a bound, or values contradict each other at loose
         links, so that another search has to look for it.
     """
+    segments, scales = start.segments, start.scales
     fit = annealer(segments, start, scales, _DOWN_TO)
     if did_not_converge(fit):
         fit = annealer(segments, start, scales, replace(_DOWN_TO, final_q=_LOOSE))

@@ -39,7 +39,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.linear_model import EliminatedRows, eliminated_rows
+from linkwise.likelihood.shooting.linear_model import EliminatedRows, eliminated_rows, linear_model
 from linkwise.likelihood.shooting.minimise import (
     Annealer,
     AnnealingFit,
@@ -47,7 +47,6 @@ from linkwise.likelihood.shooting.minimise import (
     AnnealingStatus,
     freedom,
 )
-from linkwise.likelihood.shooting.neighbourhoods import linear_model
 from linkwise.likelihood.shooting.residuals import Gaussian, Loss, Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 

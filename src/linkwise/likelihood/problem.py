@@ -244,19 +244,8 @@ class SensorModel:
             The segments.
         """
         require_same_channels(records)
-        relative_noise = (
-            [np.array(list(noise.values())) / self.sigma for noise in self.noise]
-            if len(self.noise) > 1
-            else None
-        )
-        segments = cut_segments(
-            records,
-            structure,
-            system,
-            samples=self.samples,
-            refine=refine,
-            relative_noise=relative_noise,
-        )
+        noise = [np.array(list(own.values())) / self.sigma for own in self.noise[1:]]
+        segments = cut_segments(records, structure, system, samples=self.samples, refine=refine, noise=noise)
         segments = replace(
             segments,
             sensors=self._sensors(segments.sensors, records[0].responses),
@@ -412,11 +401,9 @@ def shooting_problem(
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
     pairs = zip(records, sensing.noise, strict=True)
     starts = [start_states(record, valued, noise, sensing.samples) for record, noise in pairs]
-    deviations = (
-        first_deviations(sensing.random, sensing.frames[0], valued, starts[0].v)
-        if sensing.random
-        else np.zeros(0)
-    )
+    deviations = np.zeros(0)
+    if sensing.random:
+        deviations = first_deviations(sensing.random, sensing.frames[0], valued, starts[0].v)
     unit = np.maximum(np.abs(theta), 0.0 if spread is None else spread)
     if system.shapes is not None:  # which may be small, beside a node
         priors = np.array([parameter.sigma for parameter in structure.parameters])[system.shapes.columns]

@@ -39,7 +39,7 @@ from linkwise.likelihood.noise import (
 )
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
-from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
+from linkwise.likelihood.shooting.linear_model import linear_model
 from linkwise.likelihood.shooting.minimise import (
     Annealer,
     AnnealingFit,
@@ -47,8 +47,7 @@ from linkwise.likelihood.shooting.minimise import (
     AnnealingStatus,
     freedom,
 )
-from linkwise.likelihood.shooting.neighbourhoods import linear_model
-from linkwise.likelihood.shooting.normal_equations import Linearization
+from linkwise.likelihood.shooting.normal_equations import FactoredModel, Linearization, block_information
 from linkwise.likelihood.shooting.residuals import (
     Gaussian,
     LongerSegments,
@@ -97,22 +96,22 @@ class Optimum:
     coloured: ColouredNoise | None = None
     of_white: Floats | None = None
 
-    @property
+    @cached_property
     def segments(self) -> Segments:
         """The records in segments."""
         return self.misfit.segments
 
-    @property
+    @cached_property
     def scales(self) -> Scales:
         """Units of the unknowns."""
         return self.misfit.scales
 
-    @property
+    @cached_property
     def loss(self) -> Loss:
         """Loss of a residual."""
         return self.misfit.loss
 
-    @property
+    @cached_property
     def point(self) -> Iterate:
         """The unknowns."""
         return self.misfit.point
@@ -353,29 +352,22 @@ _MANY = 0.2  # share of the segments from which the flow runs away although laws
 _HALVINGS = 20  # of states from which the flow runs away
 
 
-def within_reach(segments: Segments, start: Iterate, scales: Scales, loss: Loss) -> Misfit:
+def within_reach(misfit: Misfit) -> Misfit:
     """Reduce the states from which the flow runs away, until it does not.
 
     Where it runs away from many, laws or units are wrong, and nothing is changed.
 
     Parameters
     ----------
-    segments : Segments
-        The record in segments.
-    start : Iterate
-        States and parameters.
-    scales : Scales
-        Their units, and the noise.
-    loss : Loss
-        The cost of a residual.
+    misfit : Misfit
+        That at some states and parameters.
 
     Returns
     -------
     Misfit
         That at the same parameters, with states halved until the flow from them stays near the samples.
     """
-    misfit = evaluate(segments, start, scales, loss)
-    wild = _runs_away(segments, misfit, scales)
+    wild = _runs_away(misfit)
     if np.mean(wild) > _MANY:
         return misfit
     for _ in range(_HALVINGS):
@@ -383,21 +375,17 @@ def within_reach(segments: Segments, start: Iterate, scales: Scales, loss: Loss)
             break
         calmer = replace(misfit.point, nodes=np.where(wild, 0.5, 1.0) * misfit.point.nodes)
         misfit = misfit.at(calmer)
-        wild = _runs_away(segments, misfit, scales)
+        wild = _runs_away(misfit)
     return misfit
 
 
-def states_by_held_laws(segments: Segments, start: Misfit, scales: Scales, annealer: Annealer) -> Misfit:
+def states_by_held_laws(start: Misfit, annealer: Annealer) -> Misfit:
     """Fit the states alone, the parameters held, where the states of a start are no motion of the laws.
 
     Parameters
     ----------
-    segments : Segments
-        The record in segments.
     start : Misfit
         That of states and parameters, the latter near the truth.
-    scales : Scales
-        Their units, and the noise.
     annealer : Annealer
         How annealing runs.
 
@@ -406,19 +394,21 @@ def states_by_held_laws(segments: Segments, start: Misfit, scales: Scales, annea
     Misfit
         That of the same parameters, with the states of a motion near the record.
     """
+    segments = start.segments
     if not _ROUGH * int(segments.observed.sum()) < start.cost(1.0) < np.inf:
         return start
     system, theta = segments.system, start.point.theta
     fixed_system = replace(system, parameters=replace(system.parameters, lower=theta, upper=theta))
-    fit = annealer(replace(segments, system=fixed_system), start, scales, _SCHEDULE)
+    fit = annealer(replace(segments, system=fixed_system), start, start.scales, _SCHEDULE)
     return start.at(replace(start.point, nodes=fit.point.nodes))
 
 
-def _runs_away(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
+def _runs_away(misfit: Misfit) -> Bools:
     """(K,) segments whose flow is farther from the samples than any motion of their size could be, or not finite.
 
     The flow behind the last sample of a segment is judged by where it ends, against the largest states of the record.
     """
+    segments, scales = misfit.segments, misfit.scales
     largest = np.sum((segments.samples / segments.deviations(scales)) ** 2 + segments.observed, axis=(0, 1))
     with np.errstate(over="ignore", invalid="ignore"):
         residuals = np.sum(misfit.residuals**2, axis=(0, 1))
@@ -645,18 +635,19 @@ def searched(
     many = len(segments.system.incidence) >= MANY
     if options.nodes is None:
         start = carry_through_gaps(segments, problem.start)
-        misfit = within_reach(segments, start, problem.scales, annealer.loss)
-        fit = _of_long_record(problem, segments, misfit, options, annealer)
+    else:
+        beside = problem.start.nodes[len(options.nodes) :]  # random forces, which another fit may not have
+        start = replace(problem.start, nodes=np.concatenate([options.nodes, beside]))
+    misfit, schedule = evaluate(segments, start, problem.scales, annealer.loss), _WARM
+    if options.nodes is None:
+        misfit = within_reach(misfit)
+        fit = _of_long_record(problem, misfit, options, annealer)
         if fit is not None:
             return segments, misfit.point, fit, _limit(segments)
         schedule = _FAR_OF_MANY if many else AnnealingSchedule()
         if spread is not None:
-            misfit = states_by_held_laws(segments, misfit, problem.scales, annealer)
+            misfit = states_by_held_laws(misfit, annealer)
             schedule = _NEAR_OF_MANY if many else _NEAR
-    else:
-        beside = problem.start.nodes[len(options.nodes) :]  # random forces, which another fit may not have
-        start, schedule = replace(problem.start, nodes=np.concatenate([options.nodes, beside])), _WARM
-        misfit = evaluate(segments, start, problem.scales, annealer.loss)
     start = misfit.point
     if options.relaxation is not None:
         tight = max(options.relaxation / _TIGHTER, AnnealingSchedule.final_q)
@@ -704,19 +695,16 @@ def _with_held_scale(segments: Segments) -> Segments | None:
 
 
 def _of_long_record(
-    problem: ShootingProblem,
-    segments: Segments,
-    start: Misfit,
-    options: LikelihoodOptions,
-    annealer: Annealer,
+    problem: ShootingProblem, start: Misfit, options: LikelihoodOptions, annealer: Annealer
 ) -> AnnealingFit | None:
     """The fit to a long record without long gaps; None where it is not searched so, or leads to no optimum."""
     limited = options.is_trial or options.tightest > AnnealingSchedule.final_q
     if limited or options.relaxation is not None or options.ceiling < np.inf:
         return None
+    segments = start.segments
     if problem.segments.chains < segments.chains or not is_long(segments):
         return None
-    return search_long_record(segments, start, problem.scales, annealer, _limit(segments))
+    return search_long_record(start, annealer, _limit(segments))
 
 
 def _limit(segments: Segments) -> float:
@@ -759,8 +747,5 @@ def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer
     joined = annealer(
         whole, carry_through_gaps(whole, fit.point), fit.scales, AnnealingSchedule(max_steps=_JOINING)
     )
-    return (
-        joined
-        if joined.status is AnnealingStatus.CONVERGED and joined.chi_square < fit.chi_square + limit
-        else None
-    )
+    settled = joined.status is AnnealingStatus.CONVERGED and joined.chi_square < fit.chi_square + limit
+    return joined if settled else None

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.likelihood.shooting.linear_model import covariance
-from linkwise.likelihood.shooting.normal_equations import BorderedSystem, excess
+from linkwise.likelihood.shooting.normal_equations import BorderedSystem, covariance, excess
 from linkwise.likelihood.shooting.segments import Scales
 
 

@@ -17,8 +17,6 @@ from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.model.excitation import TimeFunction
 
 RATE = 1000.0
-
-
 FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"
 
 
@@ -131,12 +129,6 @@ def test_tangents_are_the_flows_differences(three: lw.Structure, unknown: lw.Str
             assert np.abs(present(ours)[..., column, :] - difference).max() < limit * size, column
 
 
-STEP, STEPS, SCALE = 3e-3, 6, np.repeat([1e-4, 1e-1], 3)
-
-
-Records = list[lw.Record]
-
-
 def with_gap(record: lw.Record) -> lw.Record:
     values = record.values.copy()
     values[50, record.channels.index("force:m2")] = np.nan
@@ -153,7 +145,7 @@ def with_gap(record: lw.Record) -> lw.Record:
     ],
 )
 def test_records_that_the_flow_does_not_take_are_refused(
-    three: lw.Structure, change: Callable[[lw.Record], Records], offsets: list[str], message: str
+    three: lw.Structure, change: Callable[[lw.Record], list[lw.Record]], offsets: list[str], message: str
 ) -> None:
     with pytest.raises((lw.IdentificationError, lw.RecordError), match=message):
         lw.identify(change(driven(three, sensors=("x",))), three.unknown("spring"), offsets=offsets)

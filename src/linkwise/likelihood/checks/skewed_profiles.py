@@ -29,8 +29,8 @@ from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.optima.other_optima import along_profile, is_loosened, rises_by, with_faint_modes
 from linkwise.likelihood.optima.profiles import Profile
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.linear_model import FactoredModel
 from linkwise.likelihood.shooting.minimise import pull_of_defects
+from linkwise.likelihood.shooting.normal_equations import FactoredModel
 from linkwise.likelihood.tests.diagnosis import TestedCauses
 from linkwise.likelihood.tests.variances import free_of_bounds
 from linkwise.runtime import one_blas_thread

@@ -304,19 +304,6 @@ class Trajectories:
     memory: Floats  # (J + 1, S + U, K)
     middle_memory: Floats  # (J, S + U, K)
 
-    @classmethod
-    def empty(cls, steps: int, n: int, L: int, S: int, K: int) -> Trajectories:
-        """Room for the trajectories of n masses, L links and S states and signals."""
-        return cls(
-            np.empty((steps + 1, 2, n, K)),
-            np.empty((steps + 1, 2, L, K)),
-            np.empty((steps + 1, n, K)),
-            np.empty((steps, 2, L, K)),
-            np.empty((steps, n, K)),
-            np.empty((steps + 1, S, K)),
-            np.empty((steps, S, K)),
-        )
-
     def middles(self, step: Floats) -> Floats:
         """(J, 2, n, K) x and u = h v in the middles of steps (K,) in s, from x, u and a at both ends, to the sixth order."""
         x, u, a = self.states[:, 0], self.states[:, 1], self.accelerations * step**2
@@ -416,7 +403,15 @@ def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inpu
     K = start.shape[-1]
     n, L = mechanics.gain.shape
     S = len(start) - 2 * n
-    orbit = Trajectories.empty(steps, n, L, S + len(inputs.signals), K)
+    inside = S + len(inputs.signals)
+    at_ends = ((2, n), (2, L), (n,))
+    shapes = [(steps + 1, *shape) for shape in at_ends] + [
+        (steps, 2, L),
+        (steps, n),
+        (steps + 1, inside),
+        (steps, inside),
+    ]
+    orbit = Trajectories(*(np.empty((*shape, K)) for shape in shapes))
     orbit.states[0, 0] = start[:n]
     np.multiply(start[n : 2 * n], step, out=orbit.states[0, 1])
     orbit.memory[0, :S] = start[2 * n :]
@@ -466,12 +461,8 @@ class _Stages:
         """From the start of step j to its end, where floating-point warnings are ignored."""
         states, memory, forces = orbit.states, orbit.memory[j, : len(self.memory)], self.forces
         mechanics, motion, force, operations = self.mechanics, self.motion, self.force, self.law_operations
-        row_of_motion, v, gain, link_gain = (
-            motion.reshape(2, -1),
-            motion[1],
-            mechanics.gain,
-            mechanics.link_gain,
-        )
+        row_of_motion, v = motion.reshape(2, -1), motion[1]
+        gain, link_gain = mechanics.gain, mechanics.link_gain
         applied = pushed = None
         if self.inputs.force is not None:
             applied = self.inputs.applied(mechanics, j) / mechanics.masses[:, None]

@@ -30,18 +30,14 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.shooting.flow import LARGEST
-from linkwise.likelihood.shooting.linear_model import covariance, firm_factor
-from linkwise.likelihood.shooting.neighbourhoods import (
-    LocalRows,
-    Neighbourhood,
-    groups_at,
-    local_linearization,
-)
+from linkwise.likelihood.shooting.linear_model import LocalRows, Neighbourhood, groups_at, local_linearization
 from linkwise.likelihood.shooting.normal_equations import (
     BorderedFactor,
     Linearization,
     border_step,
+    covariance,
     excess,
+    firm_factor,
     linearise,
 )
 from linkwise.likelihood.shooting.residuals import Loss, Misfit, evaluate

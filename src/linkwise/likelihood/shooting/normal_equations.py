@@ -13,6 +13,11 @@ A coefficient that sets where a mass rests moves it in every segment, by many ti
 allows. The equations then hold numbers whose difference alone is information, and where it is less than their rounding a
 covariance means nothing. In coordinates of the nodes relative to a shift by each unknown of the border, the same in all
 segments, they are small from the start, and nothing else changes (`with_common_shift`).
+
+With H of the states, border E and corner C of all segments, F = H^-1 E says how the states follow the unknowns. The segments
+of a block contribute H_b, E_b and C_b, and their information is C_b - E_b' F + F' (H_b F - E_b). The last difference is zero
+but at the first and the last node of the block, where it is what the link with the neighbouring segment transmits: the
+product E_b' F remains (`block_information`).
 """
 
 from __future__ import annotations
@@ -25,7 +30,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import blas, cho_solve, cholesky, lapack
+from scipy.linalg import blas, cho_solve, cholesky, lapack, solve_triangular
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
@@ -484,10 +489,11 @@ def linearise(
     of few segments are multiplied in single precision, and the products summed in double precision, in which the ends are.
     """
     segments = misfit.segments
-    m, p = segments.system.dimension, segments.parameters + extra_columns(candidates, errors)
+    forces, sizes = extra_columns(candidates, errors)
+    m, p = segments.system.dimension, segments.parameters + forces + sizes
     model = empty_model(misfit, p, blocks, np.float64)
     last = p - segments.sensors.unknowns
-    first = last - extra_columns(None, errors)
+    first = last - sizes
     others = np.r_[:first, last:p]  # than the errors
     own = as_slice(others)
     corner = (..., own, own) if isinstance(own, slice) else (..., others[:, None], others)
@@ -497,11 +503,8 @@ def linearise(
         by_border = rows[..., m:]
         product = rows[..., :m].transpose(0, 2, 1) @ rows
         right, right_ends = model.right[part], model.right_ends[part]
-        model.state[part], right[..., own], right[..., p] = (
-            product[..., :m],
-            product[..., m:-1],
-            product[..., -1],
-        )
+        model.state[part], right[..., own] = product[..., :m], product[..., m:-1]
+        right[..., p] = product[..., -1]
         ends *= model.joined[part, :, None]
         model.state_ends[part], right_ends[..., own] = ends[..., :m], ends[..., m:]
         ends = np.concatenate([ends[..., m:], right_ends[..., p:]], axis=2)
@@ -527,7 +530,7 @@ def linearise(
             sums.append((model.of_data.gradients, (block, at), beside[:, -1]))
         return sums
 
-    parts = chunks(segments, segments.parameters + extra_columns(candidates, None))
+    parts = chunks(segments, segments.parameters + forces)
     return filled(model, parts, work, executor, misfit)
 
 
@@ -639,3 +642,129 @@ def _moved_along(linear: Linearization, shift: Floats, blocks: Sequence[slice]) 
         matrices[number] += across + across.T + shift.T @ state @ shift
         gradients[number] += shift.T @ own[:, p]
     return right, Corners(matrices, gradients)
+
+
+_LOOSER = (3.0, 10.0, 30.0, 100.0)  # times the relaxation, for a covariance
+_ROUNDED = 1e-13  # of the diagonal of the border: information of which rounding hides more than a hundredth
+
+
+def precise_model(
+    linear: Linearization, q: float, factor: BorderedFactor | None = None, own: int | None = None
+) -> tuple[Linearization, BorderedFactor | None]:
+    """A linearised problem with its factor, whose rounding hides nothing that the equations tell of the border.
+
+    Parameters
+    ----------
+    linear : Linearization
+        The linearised problem.
+    q : float
+        Relaxation.
+    factor : BorderedFactor, optional
+        Its factor at the relaxation.
+    own : int, optional
+        How many of the border, the first, rounding must not hide; candidates behind them may well be as good as singular. By
+        default all.
+
+    Returns
+    -------
+    tuple
+        The same problem, in coordinates of the nodes relative to a common shift where rounding makes that necessary, and its
+        factor; None where its equations are not positive definite.
+    """
+    factor = factor or linear.factor(q)
+    if _is_rounded(linear, factor, q, own):
+        linear = with_common_shift(linear)
+        factor = linear.factor(q)
+    return linear, factor
+
+
+def firm_factor(
+    linear: Linearization, q: float, factor: BorderedFactor | None = None
+) -> BorderedFactor | None:
+    """The factor at a relaxation, or at the least larger one at which nothing has to be added to the nodes.
+
+    That at the relaxation is the given one, if there is one. What is added makes a factor, and would count as information; a
+    larger relaxation can only widen the covariance. Where nothing helps it is that with the addition.
+    """
+    linear, factor = precise_model(linear, q, factor)
+    for looser in _LOOSER if factor is not None and factor.damped else ():
+        again = linear.factor(looser * q)
+        if again is not None and not again.damped:
+            return again
+    return factor
+
+
+def _is_rounded(linear: Linearization, factor: BorderedFactor | None, q: float, own: int | None) -> bool:
+    """Whether rounding hides what equations tell of some direction in the first `own` columns of the border."""
+    if factor is None or not len(factor.schur[:own]):
+        return False
+    diagonal = (linear.of_data.matrix + linear.of_defects.matrix / q**2).diagonal()[:own]
+    size = np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
+    relative = factor.schur[:own, :own] / np.outer(size, size)
+    return bool(np.isfinite(relative).all() and np.linalg.eigvalsh(relative)[0] < _ROUNDED)
+
+
+def covariance(factor: BorderedFactor | None, scales: Scales, free: Bools) -> Floats:
+    """Of theta, offsets and gains in their own units, zero where not free; infinite where rounding leaves the equations no
+    positive definite matrix, since the variances of another would be its errors alone.
+    """
+    size = len(scales.theta)
+    unknown = np.full((size, size), np.inf)
+    if factor is None:
+        return unknown
+    chosen = np.ix_(free, free)
+    try:
+        root = np.linalg.cholesky(factor.schur[chosen])
+    except np.linalg.LinAlgError:
+        return unknown
+    out = np.zeros((size, size))
+    half = solve_triangular(root, np.diag(scales.theta[free]), lower=True, check_finite=False)
+    out[chosen] = half.T @ half
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class FactoredModel:
+    """Gauss-Newton blocks at a point, and the `factor` of their equations at a relaxation, without damping."""
+
+    linear: Linearization
+    factor: BorderedFactor
+
+    @property
+    def in_blocks(self) -> bool:
+        """Whether the corner of `linear` is that of several blocks."""
+        return len(self.linear.of_data.gradients) > 1
+
+
+def block_information(model: FactoredModel, q: float) -> tuple[Floats, Floats]:
+    """Scores (B, p) and information (B, p, p) of as many blocks as the corner of the model has, at its relaxation."""
+    linear, weight, follow = model.linear, 1.0 / q**2, followed_states(model.factor)
+    K, _, p = follow.shape
+    gradient = linear.of_data.gradients + weight * linear.of_defects.gradients
+    corner = linear.of_data.matrices + weight * linear.of_defects.matrices
+    ends = block_ends(K, len(corner))
+    for block, (first, last) in enumerate(pairwise(ends)):
+        inner = slice(first, min(last, K - 1))  # segments that another follows
+        later = linear.joined[inner, :, None] * follow[first + 1 : inner.stop + 1]
+        moved = linear.state_ends[inner] @ follow[inner] - later
+        along = _product(linear.right[first:last], follow[first:last])
+        along += weight * _product(linear.right_ends[inner], moved)
+        corner[block] -= along[:p]
+        gradient[block] -= along[p]
+        if last < K:
+            link = linear.right_ends[last - 1, :, :p] - moved[-1]
+            passed = weight * later[-1].T @ link
+            corner[block] += passed
+            corner[block + 1] -= passed
+    return gradient, 0.5 * (corner + corner.transpose(0, 2, 1))
+
+
+def followed_states(factor: BorderedFactor) -> Floats:
+    """(K, m, p): by how much the scaled states fall where an unknown grows by one unit and the states follow."""
+    return factor.root.backward(factor.forward[..., :-1].copy())
+
+
+def _product(rows: NDArray[Any], others: Floats) -> Floats:
+    """(q, c) sum over segments and rows of (k, r, q) times (k, r, c)."""
+    count = rows.shape[0] * rows.shape[1]  # no -1, which columns that there are none of leave open
+    return np.asarray(rows.reshape(count, rows.shape[2]).T @ others.reshape(count, others.shape[2]))

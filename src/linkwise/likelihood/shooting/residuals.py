@@ -337,17 +337,6 @@ class Misfit:
         return self.data + self.prior + self.continuity / q**2
 
 
-def _whitened(residuals: Floats, segments: Segments, scales: Scales, loss: Loss) -> ClippedMisfit | None:
-    """Divide residuals (M, C, K) by the noise, with 0 for missing samples; gives the misfit of clipped readings."""
-    unit = segments.deviations(scales)
-    residuals /= unit
-    clipped = None
-    if segments.clipped is not None and isinstance(loss, Gaussian):
-        clipped = segments.clipped.misfit(residuals, unit)
-    residuals *= segments.observed
-    return clipped
-
-
 def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> Misfit:
     """Misfit at a point.
 
@@ -371,8 +360,10 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a mass may be 0 in a trial
         inputs = segments.inputs.at(point.gains, point.delays)
         orbit = flow(mechanics, point.nodes, segments.step, segments.steps, inputs)
+    ends = orbit.ends(segments.step)[: len(point.nodes)]
     sensors = segments.sensors.at(mechanics)
-    shown_orbit = sensors.orbit_with_points(orbit)
+    shown_orbit, factors = sensors.orbit_with_points(orbit), sensors.factors(point.gains)
+    unit, starts = segments.deviations(scales), slider_starts(segments, point.nodes, scales)[2]
     residuals = np.empty_like(segments.samples)
     for kind, channels, places in sensors.by_kind:
         motion = _at_samples(segments, mechanics, shown_orbit, kind)
@@ -385,7 +376,6 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         carried = carried_by(segments, point, channel)
         if carried is not None and segments.carried is not None:
             residuals[:, channel] += segments.carried[0, :, channel] - carried[0]
-    factors = sensors.factors(point.gains)
     for channel in sensors.scaled:
         shown = segments.samples[:, channel] - residuals[:, channel]
         if segments.carried is not None:
@@ -396,12 +386,15 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     if segments.waveforms is not None:
         for channel in np.unique(segments.waveforms.channel).tolist():
             residuals[:, channel] -= segments.waveforms.added(channel, point.offsets[sensors.constants :])
-    clipped = _whitened(residuals, segments, scales, loss)
-    ends = orbit.ends(segments.step)[: len(point.nodes)]
+    residuals /= unit
+    clipped = None
+    if segments.clipped is not None and isinstance(loss, Gaussian):
+        clipped = segments.clipped.misfit(residuals, unit)
+    residuals *= segments.observed
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state[:, None]
     defects *= segments.link_weights
     prior = 0.0 if segments.prior is None else segments.prior.cost(point.border)
-    prior += float(np.sum(slider_starts(segments, point.nodes, scales)[2] ** 2))
+    prior += float(np.sum(starts**2))
     if segments.random is not None:
         prior += segments.random.cost(point.nodes, point.border)
     data, continuity = loss.total(residuals), float(np.vdot(defects, defects))

@@ -47,7 +47,7 @@ def cut_segments(
     *,
     samples: int,
     refine: int,
-    relative_noise: Sequence[Floats] | None = None,
+    noise: Sequence[Floats] = (),
 ) -> Segments:
     """Cut records with the same response channels into segments, one record after the other.
 
@@ -63,8 +63,8 @@ def cut_segments(
         Samples in a segment.
     refine : int
         Steps of the flow per sample.
-    relative_noise : sequence of array of shape (C,), optional
-        For each record the noise of its channels relative to the common one.
+    noise : sequence of array of shape (C,), optional
+        For each record behind the first the noise of its channels relative to that in the first.
 
     Returns
     -------
@@ -92,9 +92,7 @@ def cut_segments(
         linked=_linked(counts),
         inputs=flow_inputs(records, structure, counts, samples=samples, refine=refine),
         refine=refine,
-        relative_noise=None
-        if relative_noise is None
-        else np.repeat(np.stack(relative_noise, axis=1), counts, axis=1),
+        relative_noise=np.repeat(np.stack([np.ones(len(channels)), *noise], 1), counts, 1) if noise else None,
         clipped=ClippedReadings.of(records, channels, partial(cut, samples=samples)),
     )
 

@@ -322,12 +322,12 @@ class Sensors:
             accelerations=self.with_points(orbit.accelerations, 1),
         )
 
-    @property
+    @cached_property
     def of_masses(self) -> Bools:
         """(C,) whether a sensor shows the motion of a mass."""
         return np.asarray(self.kind < F)
 
-    @property
+    @cached_property
     def constants(self) -> int:
         """Unknown constant offsets."""
         return int(self.offset.max(initial=-1)) + 1
@@ -356,7 +356,7 @@ class Sensors:
         """Unknown offsets, gains and delays."""
         return self.offsets + self.gains + self.delays
 
-    @property
+    @cached_property
     def late(self) -> Indices:
         """Channels with an unknown delay."""
         return np.flatnonzero(self.delay >= 0)

@@ -525,9 +525,10 @@ def whitened_jacobian(
     """Whitened Jacobian and residuals (k, M C, P + 1) in single precision; ends' sensitivities (k, 2n + S, P)."""
     segments, scales = misfit.segments, misfit.scales
     M, C, K = segments.samples[..., part].shape
-    P = segments.system.dimension + segments.parameters + extra_columns(candidates, errors)
-    width = P - segments.sensors.unknowns
-    moving = width - extra_columns(None, errors)
+    forces, sizes = extra_columns(candidates, errors)
+    moving = segments.system.dimension + segments.system.parameters.size + forces
+    width = moving + sizes
+    P = width + segments.sensors.unknowns
     root, whiten = misfit.weights(part)
     jacobian: NDArray[Any] = np.zeros((K, M, C, P + 1), np.float32)
     jacobian[..., P] = (root * misfit.pulling[..., part]).transpose(2, 0, 1)
@@ -539,7 +540,8 @@ def whitened_jacobian(
             row = random.rows[number]
             unit = np.float32(random.shown[channel, number] * scales.state[row])
             jacobian[:, 0, channel, row] += whiten[0, channel] * unit
-    add_errors_of_sensors(jacobian, misfit, root, part)
+    if segments.sensors.unknowns:
+        add_errors_of_sensors(jacobian, misfit, root, part)
     for channel, numbers, own in errors_by_channel(misfit, part, errors):
         jacobian[:, :, channel, moving + numbers] = own
     ends /= scales.state[:, None]
@@ -619,7 +621,7 @@ def _put(
         target[(*place, column)] = block[..., number]
 
 
-def extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:
-    """Number of columns behind those of the parameters."""
+def extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> tuple[int, int]:
+    """Numbers of columns behind those of the parameters: of amplitudes of candidates, and of sizes of errors."""
     of_candidates = 0 if candidates is None else len(candidates.first)
-    return of_candidates + (0 if errors is None else len(errors.channel))
+    return of_candidates, 0 if errors is None else len(errors.channel)

@@ -28,9 +28,8 @@ from linkwise.arrays import Floats, Indices
 from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, GAIN_DRIFT, HIGH_PASS, Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, Optimum
-from linkwise.likelihood.shooting.linear_model import block_information
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
-from linkwise.likelihood.shooting.normal_equations import block_ends
+from linkwise.likelihood.shooting.normal_equations import block_ends, block_information
 from linkwise.likelihood.shooting.residuals import LongerSegments
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.columns import (

@@ -27,13 +27,13 @@ from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.flow import in_turn, input_along
-from linkwise.likelihood.shooting.linear_model import (
+from linkwise.likelihood.shooting.linear_model import eliminated_rows, tested_in_pieces
+from linkwise.likelihood.shooting.normal_equations import (
     FactoredModel,
-    eliminated_rows,
+    add_prior_curvature,
+    linearise,
     precise_model,
-    tested_in_pieces,
 )
-from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import A, Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents, whitened_jacobian
