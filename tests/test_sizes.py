@@ -8,33 +8,33 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35638  # lines of all files of tests
+TESTS = 35622  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (11, 2195),
+    "absorption": (11, 2177),
     "analysis": (4, 482),
-    "cli": (21, 1843),
-    "discovery": (18, 3461),
+    "cli": (21, 1840),
+    "discovery": (18, 3441),
     "estimates": (8, 1453),
     "export": (9, 772),
     "expression": (6, 1068),
     "files": (14, 1941),
-    "identification": (12, 2393),
+    "identification": (12, 2392),
     "inspection": (9, 1879),
-    "likelihood": (61, 13887),
+    "likelihood": (60, 13821),
     "modal": (5, 840),
-    "model": (16, 2968),
+    "model": (16, 2956),
     "paper": (3, 358),
-    "plot": (12, 1810),
+    "plot": (12, 1806),
     "records": (9, 1451),
-    "report": (11, 1032),
-    "response": (13, 1847),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "report": (11, 1030),
+    "response": (13, 1831),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 942),
     "signals": (6, 837),
     "simulation": (9, 1595),
     "sindy": (9, 1036),
-    "study": (9, 1403),
+    "study": (9, 1398),
     "weak": (8, 1693),
 }
 
