@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1943),
     "identification": (13, 2400),
     "inspection": (10, 1884),
-    "likelihood": (68, 14393),
+    "likelihood": (68, 14398),
     "modal": (5, 853),
     "model": (17, 2995),
     "paper": (3, 368),

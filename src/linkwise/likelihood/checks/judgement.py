@@ -191,11 +191,9 @@ class Examined:
         found = self.lines.causes(self.diagnosis.tested) if self.lines else ()
         lines = (cause for cause in found if cause.gain > least)
         every = [*self.diagnosis.causes, *noisy, *forces, *lines]
-        tells = self.is_settled and not (noisy or self.fit.chi_square_off)
+        tells = bool(every) and not (noisy or self.fit.chi_square_off)
         if tells and self.jump is not None and self.jump.is_significant:
-            every += [self.jump.event] * (
-                self.jump.of_one > max((cause.gain for cause in every), default=0.0)
-            )
+            every += [self.jump.event] * (self.jump.of_one > max(cause.gain for cause in every))
         return tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
 
     @cached_property

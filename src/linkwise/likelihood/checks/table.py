@@ -42,6 +42,7 @@ FINDINGS = (
     Check("asymmetry of wells", "widens", verdicts.asymmetric_wells),
     Check("stated noise", "names", recording.understated_noise),
     Check("changes along the record", "approximates", changed_coefficients),
+    Check("motion that begins anew", "approximates", verdicts.motion_that_begins_anew),
     Check("exponential window", "refuses", exponential_window),
     Check("skewed profiles", "widens", skewed_profiles),
     Check("clipped samples and errors of channels", "refuses", recording.errors_of_records),

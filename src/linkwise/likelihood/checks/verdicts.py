@@ -134,9 +134,7 @@ def standard_errors(of: Examined) -> Judgement | None:
 
 
 def event(of: Examined) -> Judgement | None:
-    """Whether a jump of all states at one moment explains most, or half of a misfit happens in a moment of a record, to a
-    motion on which no input acts more than elsewhere.
-    """
+    """Whether half of a misfit happens in a moment of a record, to a motion on which no input acts more than elsewhere."""
     fit, segments = of.fit, of.fit.segments
     if of.causes and of.causes[0].kind == EVENT:
         message = f"{of.explained}, but {would_explain(of.causes[0])}. {_PARTS}"
@@ -506,6 +504,15 @@ def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:
         return None
     hint = doubt(fit, of.diagnosis.tested, searched=of.searched)
     return None if hint is None else _widened(before, *hint)
+
+
+def motion_that_begins_anew(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether a jump of all states at one moment, which nothing else explains, is more than chance gives."""
+    if not before.leaves_noise or of.jump is None or not of.jump.is_significant:
+        return None
+    event = of.jump.event
+    message = f"{of.explained}, but {would_explain(event)}. {_PARTS}"
+    return Judgement(Verdict.UNEXPLAINED_FORCES, message, of.share, (event, *of.causes))
 
 
 def asymmetric_wells(of: Examined, before: Judgement) -> Judgement | None:
