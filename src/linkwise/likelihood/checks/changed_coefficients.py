@@ -24,7 +24,7 @@ from linkwise.likelihood.search import BLOCKS, BlockScores, blocks_of_scatter
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, block_ends
 from linkwise.likelihood.shooting.segments import Segments
-from linkwise.likelihood.tests.diagnosis import TestedCauses
+from linkwise.likelihood.tests.diagnosis import TestedCauses, likeliest_first
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
@@ -90,7 +90,7 @@ def likeliest_change(
     if not isinstance(fit.optimum.loss, Gaussian):
         return None
     change = _significant_change(fit, records, tested)
-    if change is None or change.gain < LIKELIER + max((cause.gain for cause in causes), default=0.0):
+    if change is None or change.gain < LIKELIER - min(map(likeliest_first, causes), default=0.0):
         return None
     return change
 
