@@ -226,7 +226,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
     "kind of cause",
     {
         "gain": CauseKind(f"a gain of {_OFF}{{remark}}", "1", relative=True),
-        GAIN_DRIFT: CauseKind("a gain of {0.where} that drifts by {percent:+.3g} %", "1"),
+        GAIN_DRIFT: CauseKind("a gain of {0.where} that drifts by {percent:+.3g} %", "1", relative=True),
         "offset": CauseKind("an offset of {0.size:.3g} {0.unit} in {0.where}"),
         "drift": CauseKind("a drift of {0.size:.3g} {0.unit} in {0.where}"),
         "delay": CauseKind("a delay of {ms:.3g} ms in {0.where}{remark}", "s"),
