@@ -259,8 +259,8 @@ def test_a_search_that_fails_at_looser_links_leaves_the_answer_of_tighter_ones(
     asked = structure({"m1": 1.0}, link("spring1", "m1-ground", "k*d + c*v"))
     annealed = Annealer.__call__
 
-    def failing(of: Annealer, segments: Any, start: Any, scales: Any, schedule: AnnealingSchedule) -> Any:
-        fit = annealed(of, segments, start, scales, schedule)
+    def failing(of: Annealer, start: Any, schedule: AnnealingSchedule) -> Any:
+        fit = annealed(of, start, schedule)
         converges = schedule.initial_q == schedule.final_q <= 3.0
         return fit if converges else replace(fit, status=AnnealingStatus.EXHAUSTED)
 

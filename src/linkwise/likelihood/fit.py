@@ -33,7 +33,6 @@ from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, sea
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus, AnnealingStep
 from linkwise.likelihood.shooting.residuals import Misfit, with_bounds_for
 from linkwise.likelihood.shooting.segments import Segments
-from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.terms import Delay, Found, Gain, HighPass, Term, Unknown
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -375,15 +374,16 @@ def _fit(
     known, lowest = sensing.stated(records), sensing.lowest(records)
     # products run on threads of our own
     with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
-        annealer = Annealer(options.loss, executor, options.progress)
+        annealer = Annealer(executor, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
-        segments, start, fit, limit = searched(problem, spread, options, annealer)
-        if segments.random is not None:
-            segments, fit = marginal_fit(segments, fit, known, annealer)
+        start, fit = searched(problem, spread, options, annealer)
+        if fit.misfit.segments.random is not None:
+            fit = marginal_fit(fit, known, annealer)
         else:
-            fit = with_noise_of_residuals(segments, fit, annealer, lowest)
-        explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, options=options)
-    fit, ratios, p = explained.fit, explained.error_ratios, segments.system.parameters.size
+            fit = with_noise_of_residuals(fit, annealer, lowest)
+        explained = explained_fit(start, fit, annealer, lowest=lowest, options=options)
+    fit, segments, ratios = explained.fit, explained.fit.misfit.segments, explained.error_ratios
+    p = segments.system.parameters.size
     point = fit.point
     segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))
     random_forces: tuple[RandomForceEstimate, ...] = ()
@@ -399,18 +399,18 @@ def _fit(
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
         found=found,
-        noise=_found_noise(segments, fit, tuple(sensing.frames[0].names)),
+        noise=_found_noise(fit, tuple(sensing.frames[0].names)),
         chi_square=explained.chi_square,
         chi_square_off=explained.chi_square_off,
         noise_from_misfit=explained.noise_from_misfit,
         model_error=explained.model_error,
-        force_error=_force_error(fit, segments.system, segments),
+        force_error=_force_error(fit),
         error_ratios=None if ratios is None else ratios[:p],
         samples=fit.samples,
         status=fit.status,
         path=fit.path,
         optimum=optimum,
-        prior_conflicts=_prior_conflicts(segments, explained),
+        prior_conflicts=_prior_conflicts(explained),
         undetermined_gains=_undetermined_gains(found, explained.covariance, p),
         random_forces=random_forces,
         options=options,
@@ -425,30 +425,30 @@ def _found(unknowns: Sequence[Unknown], sizes: Floats, deviations: Floats) -> tu
     return tuple(map(Found, bare, *parts)) if unknowns else ()
 
 
-def _prior_conflicts(segments: Segments, explained: ExplainedFit) -> Floats:
-    border = explained.fit.point.border
-    if segments.prior is None:
+def _prior_conflicts(explained: ExplainedFit) -> Floats:
+    border, prior = explained.fit.point.border, explained.fit.misfit.segments.prior
+    if prior is None:
         return np.zeros(len(border))
     variances = explained.noise**2 * explained.fit.covariance.diagonal()
     if explained.coloured is not None:
         variances = explained.covariance.diagonal()
-    return segments.prior.conflicts(border, variances)
+    return prior.conflicts(border, variances)
 
 
-def _found_noise(segments: Segments, fit: AnnealingFit, channels: Sequence[str]) -> dict[str, float]:
-    if segments.random is not None:  # whose most likely values take a part of the noise
+def _found_noise(fit: AnnealingFit, channels: Sequence[str]) -> dict[str, float]:
+    if fit.misfit.segments.random is not None:  # whose most likely values take a part of the noise
         return dict(zip(channels, map(float, fit.scales.sigma), strict=True))
     squares = np.sum(fit.misfit.residuals**2, axis=(0, 2))
     counts = np.maximum(np.sum(fit.misfit.residuals != 0.0, axis=(0, 2)), 1)
     return dict(zip(channels, map(float, fit.scales.sigma * np.sqrt(squares / counts)), strict=True))
 
 
-def _force_error(fit: AnnealingFit, system: System, segments: Segments) -> Floats:
+def _force_error(fit: AnnealingFit) -> Floats:
     """(n,) root mean square in N of the force that the velocity defects stand for."""
-    n = len(system.incidence)
-    duration = np.mean(segments.step) * segments.steps
+    segments = fit.misfit.segments
+    n, duration = len(segments.system.incidence), np.mean(segments.step) * segments.steps
     jumps = np.sqrt(np.mean(fit.misfit.defects[n : 2 * n] ** 2, axis=1)) * fit.scales.state[n : 2 * n]
-    return np.asarray(system.at(fit.point.theta).masses * jumps / duration)
+    return np.asarray(fit.misfit.mechanics.masses * jumps / duration)
 
 
 def motion_of_links(

@@ -45,8 +45,8 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
-from linkwise.likelihood.shooting.residuals import Loss, Misfit, evaluate
-from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import MANY
 
 _PARTS, _LENGTH = 8, 500  # pieces of the records, and segments in each, whose log det stands for that of all
@@ -68,31 +68,26 @@ _HIDDEN = 0.03  # of a random force: the error that the relaxation of the flow s
 _LOOSEST = 0.02  # relaxation
 
 
-def relaxation(segments: Segments, scales: Scales, point: Iterate) -> float:
+def relaxation(misfit: Misfit) -> float:
     """The relaxation q of the flow that is small beside the random forces, and no smaller than rounding needs.
 
     Parameters
     ----------
-    segments : Segments
-        The records in segments, with random forces.
-    scales : Scales
-        Units of the states.
-    point : Iterate
-        The states and the parameters.
+    misfit : Misfit
+        That of the records, with random forces; its residuals are not used.
 
     Returns
     -------
     float
         The relaxation.
     """
-    nodes, theta = point.nodes, point.theta
-    random = segments.random
+    segments, scales = misfit.segments, misfit.scales
+    random, mechanics = segments.random, misfit.mechanics
     assert random is not None
     n = len(segments.system.incidence)
-    mechanics = segments.system.at(theta)
     states = random.rows - 2 * n
     gain = np.abs(mechanics.gain[:, segments.system.state_links[states]])  # (n, r)
-    gain[:, states == segments.system.base_error] = _gain_of_base(segments, nodes, theta)[:, None]
+    gain[:, states == segments.system.base_error] = _gain_of_base(misfit)[:, None]
     kick = np.einsum("nr,rk->nrk", gain, random.deviation * segments.step * segments.steps).mean(axis=2)
     ratio = (kick / scales.state[n : 2 * n, None])[(gain > 0.0) & random.present]
     if not random.present.any():
@@ -100,9 +95,10 @@ def relaxation(segments: Segments, scales: Scales, point: Iterate) -> float:
     return float(np.clip(_HIDDEN * ratio.min(initial=np.inf), AnnealingSchedule.final_q, _LOOSEST))
 
 
-def _gain_of_base(segments: Segments, nodes: Floats, theta: Floats) -> Floats:
+def _gain_of_base(misfit: Misfit) -> Floats:
     """(n,) root mean square of the accelerations of masses by a displacement of the base, along the `nodes`."""
-    system, mechanics = segments.system, segments.system.at(theta)
+    segments, nodes, mechanics = misfit.segments, misfit.point.nodes, misfit.mechanics
+    system = segments.system
     motion = system.incidence.T @ nodes[: 2 * len(system.incidence)].reshape(2, -1, nodes.shape[-1])
     if segments.inputs.base is not None:
         motion += system.base[:, None] * segments.inputs.base[0, 0, :, None]
@@ -113,17 +109,13 @@ def _gain_of_base(segments: Segments, nodes: Floats, theta: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean(pulls**2, axis=1)))
 
 
-def marginal_fit(
-    segments: Segments, fit: AnnealingFit, known_noise: Bools, annealer: Annealer
-) -> tuple[Segments, AnnealingFit]:
+def marginal_fit(fit: AnnealingFit, known_noise: Bools, annealer: Annealer) -> AnnealingFit:
     """Maximise the marginal likelihood, from a fit of states and parameters together.
 
     Parameters
     ----------
-    segments : Segments
-        The records in segments, with random forces.
     fit : AnnealingFit
-        The fit; another than a converged one is returned as it is.
+        The fit, with random forces; another than a converged one is returned as it is.
     known_noise : array of bool, shape (C,)
         Whether the noise of a channel is stated, and so not found.
     annealer : Annealer
@@ -131,25 +123,24 @@ def marginal_fit(
 
     Returns
     -------
-    segments : Segments
-        The segments with the deviations found.
-    fit : AnnealingFit
-        The fit at the maximum, exhausted where it did not settle.
+    AnnealingFit
+        The fit at the maximum, with the deviations found, exhausted where it did not settle.
     """
     path, before, slopes = fit.path, None, _MeanSlope()
     for _ in range(_ROUNDS):
         if fit.status is not AnnealingStatus.CONVERGED:
-            return segments, replace(fit, path=path)
-        segments, change, logs, slope, border = _changes(segments, fit, known_noise, annealer, slopes)
+            return replace(fit, path=path)
+        segments, change, logs, slope, border = _changes(fit, known_noise, annealer, slopes)
+        misfit = replace(fit.misfit, segments=segments)
         if change < _SETTLED and not _is_to_loosen(segments):
-            return segments, replace(fit, path=path)
+            return replace(fit, misfit=misfit, path=path)
         logs, before = _extrapolated(logs, before)
-        segments, start, scales = _changed(segments, fit, logs, slope, border)
-        q = relaxation(segments, scales, start)
-        segments = _loosened(segments, scales, start.theta, q)
-        fit = annealer(segments, start, scales, AnnealingSchedule(initial_q=q, final_q=q))
+        misfit = _changed(misfit, logs, slope, border)
+        q = relaxation(misfit)
+        misfit = replace(misfit, segments=_loosened(misfit, q))
+        fit = annealer(misfit.at(misfit.point), AnnealingSchedule(initial_q=q, final_q=q))
         path = (*path, *fit.path)
-    return segments, replace(fit, path=path, status=AnnealingStatus.EXHAUSTED)
+    return replace(fit, path=path, status=AnnealingStatus.EXHAUSTED)
 
 
 def _is_to_loosen(segments: Segments) -> bool:
@@ -158,20 +149,20 @@ def _is_to_loosen(segments: Segments) -> bool:
     return bool(random and random.varying is not None and random.varying.any() and random.weights is None)
 
 
-def _loosened(segments: Segments, scales: Scales, theta: Floats, q: float) -> Segments:
+def _loosened(misfit: Misfit, q: float) -> Segments:
     """The segments with the defects of displacements that forces leave which vary within them, at a relaxation.
 
     White noise of a mean F over a time h moves a mass by F h^2 / 2m, and by what is independent of its mean and has a standard
     deviation of s h^2 / (m sqrt(12)), s being that of F.
     """
-    random = segments.random
+    segments, mechanics = misfit.segments, misfit.mechanics
+    random, n = segments.random, len(segments.system.incidence)
     if random is None or random.varying is None:
         return segments
-    n, mechanics = len(segments.system.incidence), segments.system.at(theta)
     chosen = np.flatnonzero(random.varying & random.present)
     gain = mechanics.gain[:, segments.system.state_links[random.rows[chosen] - 2 * n]]
     powers = gain**2 @ random.deviation[chosen] ** 2 / 12.0
-    sizes = np.sqrt(powers) * (segments.step * segments.steps) ** 2 / scales.state[:n, None]
+    sizes = np.sqrt(powers) * (segments.step * segments.steps) ** 2 / misfit.scales.state[:n, None]
     weights = np.ones((segments.system.dimension, segments.count))
     weights[:n] = q / np.maximum(sizes, q)
     return replace(segments, random=replace(random, weights=weights))
@@ -205,15 +196,15 @@ def parts_of(segments: Segments) -> tuple[Indices, float]:
 
 
 def _changes(
-    segments: Segments, fit: AnnealingFit, known_noise: Bools, annealer: Annealer, slopes: _MeanSlope
+    fit: AnnealingFit, known_noise: Bools, annealer: Annealer, slopes: _MeanSlope
 ) -> tuple[Segments, float, Floats, Floats, Floats]:
     """The largest change; those of the logarithms of deviations (C + r,), the new slope (P,) and unknowns (P,).
 
-    The segments before them say which forces are absent: where none acts, a deviation would shrink for ever.
+    The segments, first, say which forces are absent: where none acts, a deviation would shrink for ever.
     """
-    random = segments.random
+    segments, random = fit.misfit.segments, fit.misfit.segments.random
     assert random is not None
-    determinant = _LogDeterminant.of(segments, fit, annealer)
+    determinant = _LogDeterminant.of(fit, annealer)
     deviation = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     noise, force = determinant.freedoms(known_noise)
     measurable = ~known_noise & (noise > _ENOUGH * segments.observed.sum(axis=(0, 2)))
@@ -241,19 +232,20 @@ def _extrapolated(logs: Floats, before: Floats | None) -> tuple[Floats, Floats |
     return np.clip(factor * logs, -_LARGEST_CHANGE, _LARGEST_CHANGE), None
 
 
-def _changed(
-    segments: Segments, fit: AnnealingFit, logs: Floats, slope: Floats, border: Floats
-) -> tuple[Segments, Iterate, Scales]:
-    """Segments, start and scales of the next fit."""
-    random, channels = segments.random, len(fit.scales.sigma)
+def _changed(misfit: Misfit, logs: Floats, slope: Floats, border: Floats) -> Misfit:
+    """Segments, scales and start of the next fit, with residuals that are not those there yet."""
+    random, scales = misfit.segments.random, misfit.scales
     assert random is not None
-    of_noise, of_force = np.split(np.exp(logs), [channels])
-    state = fit.scales.state.copy()
+    of_noise, of_force = np.split(np.exp(logs), [len(scales.sigma)])
+    state = scales.state.copy()
     state[random.rows] *= of_force
-    scales = replace(fit.scales, sigma=fit.scales.sigma * of_noise, state=state)
     tilted = replace(random.scaled(of_force), slope=slope, origin=border)
-    following = replace(segments, random=tilted)
-    return following, fit.point.moved(fit.point.nodes, border), scales
+    return replace(
+        misfit,
+        segments=replace(misfit.segments, random=tilted),
+        scales=replace(scales, sigma=scales.sigma * of_noise, state=state),
+        point=misfit.point.moved(misfit.point.nodes, border),
+    )
 
 
 def _log_ratio(squares: Floats, freedom: Floats) -> Floats:
@@ -297,11 +289,11 @@ class _LogDeterminant:
     factor: float
 
     @classmethod
-    def of(cls, segments: Segments, fit: AnnealingFit, annealer: Annealer) -> _LogDeterminant:
+    def of(cls, fit: AnnealingFit, annealer: Annealer) -> _LogDeterminant:
         """That of the equations of a fit."""
-        which, share = parts_of(segments)
+        which, share = parts_of(fit.misfit.segments)
         point = replace(fit.point, nodes=fit.point.nodes[:, which])
-        misfit = evaluate(segments.chosen(which), point, fit.scales, annealer.loss)
+        misfit = replace(fit.misfit, segments=fit.misfit.segments.chosen(which)).at(point)
         return cls(misfit, fit.q, annealer.executor, share)
 
     def slope(self, free: Bools, deviation: Floats) -> Floats:
@@ -329,10 +321,8 @@ class _LogDeterminant:
         # zeros where the equations are singular
         inverse = np.zeros_like(whole) if factor is None else factor.inverse_blocks()[0]
         for channel in np.flatnonzero(~known_noise).tolist():
-            sigma = scales.sigma.copy()
-            sigma[channel] *= _LOUDER
-            louder = replace(self.misfit, scales=replace(scales, sigma=sigma))
-            without = self._linear(louder.at(louder.point)).state
+            louder = np.where(np.arange(len(residuals)) == channel, _LOUDER, 1.0)
+            without = self._linear(self.misfit.at(self.misfit.point, louder)).state
             residuals[channel] -= float(np.vdot(inverse, whole - without)) / (1.0 - _LOUDER**-2)
         own = inverse[:, random.rows, random.rows].T
         forces = segments.count - np.sum(own * random.curvature(scales.state), axis=1)
@@ -406,23 +396,22 @@ def search_long_record(start: Misfit, annealer: Annealer, limit: float) -> Annea
         The fit; None where laws leave more than noise, an unknown is at a bound, or values contradict each other at loose
         links, so that another search has to look for it.
     """
-    segments, scales = start.segments, start.scales
-    fit = annealer(segments, start, scales, _DOWN_TO)
+    fit = annealer(start, _DOWN_TO)
     if did_not_converge(fit):
-        fit = annealer(segments, start, scales, replace(_DOWN_TO, final_q=_LOOSE))
+        fit = annealer(start, replace(_DOWN_TO, final_q=_LOOSE))
     if fit.status is AnnealingStatus.INTERRUPTED:
         return fit
     if did_not_converge(fit) or not _is_exact(fit, limit):
         return None
     for q in (_LOOSE, AnnealingSchedule.final_q) if fit.q < _LOOSE else ():
         schedule = AnnealingSchedule(initial_q=max(q, fit.q), final_q=q, max_steps=_STEPS)
-        other = annealer(segments, fit.point, scales, schedule)
+        other = annealer(fit.misfit, schedule)
         if other.status is AnnealingStatus.INTERRUPTED:
             return replace(fit, status=AnnealingStatus.INTERRUPTED)
         if did_not_converge(other):
             continue
         looser, tighter = (other, fit) if q == _LOOSE else (fit, other)
-        agree = _agree(segments, looser, tighter, annealer.loss)
+        agree = _agree(looser, tighter)
         if not _is_exact(other, limit) or (q == _LOOSE and not agree):
             return None
         if q < _LOOSE and agree:
@@ -440,9 +429,9 @@ def _is_exact(fit: AnnealingFit, limit: float) -> bool:
     return fit.chi_square < 1.0 + limit and not fit.at_bound.any()
 
 
-def _agree(segments: Segments, looser: AnnealingFit, fit: AnnealingFit, loss: Loss) -> bool:
+def _agree(looser: AnnealingFit, fit: AnnealingFit) -> bool:
     """Whether tighter links are as likely as looser ones, and change values by no more than they add to what is known."""
-    (_, before), (_, after) = (evidence(segments, own, own.q, loss) for own in (looser, fit))
+    (_, before), (_, after) = (evidence(own) for own in (looser, fit))
     if not after <= before + _WORSE:
         return False
     size = np.sqrt(np.maximum(looser.covariance.diagonal(), np.finfo(float).tiny))

@@ -47,8 +47,8 @@ from linkwise.likelihood.shooting.minimise import (
     AnnealingStatus,
     freedom,
 )
-from linkwise.likelihood.shooting.residuals import Gaussian, Loss, Misfit
-from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.residuals import Gaussian, Misfit
+from linkwise.likelihood.shooting.segments import Iterate
 
 _SIGNIFICANT = 2.5  # the statistic exceeds it by chance once in 130 000 channels
 _SIZEABLE = 0.03  # of the residual power in the wrong part of the band: less does not widen intervals
@@ -153,9 +153,7 @@ class ModelErrorCandidate:
     surpassed: bool = False
 
 
-def with_model_error(
-    segments: Segments, fit: AnnealingFit, start: Iterate, annealer: Annealer
-) -> ModelErrorCandidate | None:
+def with_model_error(fit: AnnealingFit, start: Iterate, annealer: Annealer) -> ModelErrorCandidate | None:
     """The most likely division of the residuals into noise of the sensors and errors of the flow.
 
     For every relaxation q of a geometric grid the orbit is fitted again and the noise profiled out; the marginal likelihood
@@ -164,19 +162,17 @@ def with_model_error(
     """
     if fit.status is AnnealingStatus.CONVERGED:
         grid = [fit.q * _RATIO**power for power in range(_COUNT)]
-        return _grid_search(segments, fit.point, fit.scales, grid, annealer)
+        return _grid_search(fit.misfit, grid, annealer)
     exact = AnnealingSchedule.final_q
     above = [q for q in (_RATIO**-power for power in range(_COUNT)) if q > exact]
-    best = _grid_search(segments, start, fit.scales, [*above, exact], annealer)
+    best = _grid_search(fit.misfit.at(start), [*above, exact], annealer)
     if best is not None and best.fit.q == 1.0:
         grid = [_RATIO**power for power in range(_COUNT)]
-        return _grid_search(segments, best.fit.point, fit.scales, grid, annealer)
+        return _grid_search(best.fit.misfit, grid, annealer)
     return best
 
 
-def _grid_search(
-    segments: Segments, point: Iterate, scales: Scales, grid: Sequence[float], annealer: Annealer
-) -> ModelErrorCandidate | None:
+def _grid_search(misfit: Misfit, grid: Sequence[float], annealer: Annealer) -> ModelErrorCandidate | None:
     """The best relaxation, once two worse ones follow it, or of those before a search that does not converge, or takes too
     many steps; None where the grid ends before.
 
@@ -185,14 +181,14 @@ def _grid_search(
     """
     best, worse, steps = None, 0, 0
     for q in grid:
-        fit = annealer(segments, point, scales, AnnealingSchedule(initial_q=q, final_q=q))
+        fit = annealer(misfit, AnnealingSchedule(initial_q=q, final_q=q))
         if fit.status is AnnealingStatus.INTERRUPTED:
             return ModelErrorCandidate(fit, 1.0, np.inf)
         steps += len(fit.path)
         if fit.status is not AnnealingStatus.CONVERGED or steps > _MOST_STEPS:
             return best and replace(best, surpassed=True)
-        point = fit.point
-        noise, cost = evidence(segments, fit, q, annealer.loss)
+        misfit = fit.misfit
+        noise, cost = evidence(fit)
         if best is None or cost < best.cost:
             best, worse = ModelErrorCandidate(fit, noise, cost), 0
         elif cost > best.cost + _WORSE:
@@ -204,22 +200,23 @@ def _grid_search(
     return best if best is not None and best.fit.q != grid[-1] else None
 
 
-def evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tuple[float, float]:
-    """The most likely factor on the noise (and on q) of this orbit, and -2 log of the marginal likelihood with it."""
-    linear = linear_model(fit.misfit)
-    factor = linear.equations(q).factor()
+def evidence(fit: AnnealingFit) -> tuple[float, float]:
+    """The most likely factor on the noise (and on q) of an orbit, and -2 log of the marginal likelihood with it."""
+    misfit, q = fit.misfit, fit.q
+    factor = linear_model(misfit).equations(q).factor()
     if factor is None:
         return 1.0, np.inf
-    freedom = degrees_of_freedom(segments, fit)
-    defects = segments.system.dimension * int(segments.linked.sum())
-    noise = np.sqrt(fit.misfit.cost_of_samples(q) / (freedom * loss.expected))
+    freedom = degrees_of_freedom(fit)
+    defects = misfit.segments.system.dimension * int(misfit.segments.linked.sum())
+    noise = np.sqrt(misfit.cost_of_samples(q) / (freedom * misfit.loss.expected))
     return float(noise), float(
         2.0 * freedom * np.log(noise) + 2.0 * defects * np.log(q) + factor.log_determinant(~fit.at_bound)
     )
 
 
-def degrees_of_freedom(segments: Segments, fit: AnnealingFit) -> int:
+def degrees_of_freedom(fit: AnnealingFit) -> int:
     """Residuals, priors and defects less nodes and parameters."""
+    segments = fit.misfit.segments
     defects = segments.system.dimension * int(segments.linked.sum())
     nodes = segments.system.dimension * int((~segments.unconstrained).sum())
     known = 0 if segments.prior is None else segments.prior.count
@@ -234,9 +231,9 @@ def lag_one_autocorrelation(misfit: Misfit) -> float:
     return float(np.max(np.sum(before * after, axis=(0, 2)) / power))
 
 
-def residual_levels(segments: Segments, misfit: Misfit) -> Floats:
+def residual_levels(misfit: Misfit) -> Floats:
     """(C,) root mean square of the residuals of each channel."""
-    counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+    counts = np.maximum(misfit.segments.observed.sum(axis=(0, 2)), 1)
     return np.asarray(np.sqrt(np.sum(misfit.residuals**2, axis=(0, 2)) / counts))
 
 
@@ -246,15 +243,11 @@ _STEPS = 20  # beside the optimum; a search that takes more may creep along a be
 _LOOSE = 0.01  # ... which looser links straighten: the relaxation from which it starts again
 
 
-def with_noise_of_residuals(
-    segments: Segments, fit: AnnealingFit, annealer: Annealer, lowest: Floats
-) -> AnnealingFit:
+def with_noise_of_residuals(fit: AnnealingFit, annealer: Annealer, lowest: Floats) -> AnnealingFit:
     """A fit whose chi-square is below 1 again, with the noise of its residuals in place of that found beforehand.
 
     Parameters
     ----------
-    segments : Segments
-        The records.
     fit : AnnealingFit
         The fit.
     annealer : Annealer
@@ -270,18 +263,18 @@ def with_noise_of_residuals(
     least = max(_LEAST, _CHANCE * np.sqrt(2.0 / fit.samples))
     if fit.status is not AnnealingStatus.CONVERGED or fit.chi_square > 1.0 - least:
         return fit
-    if not isinstance(annealer.loss, Gaussian):  # whose mean cost alone is that of the noise
+    if not isinstance(fit.misfit.loss, Gaussian):  # whose mean cost alone is that of the noise
         return fit
-    levels = residual_levels(segments, fit.misfit) * np.sqrt(fit.samples / freedom(segments))
+    levels = residual_levels(fit.misfit) * np.sqrt(fit.samples / freedom(fit.misfit.segments))
     factors = np.clip(levels, np.minimum(lowest / fit.scales.sigma, 1.0), 1.0)
     if (factors == 1.0).all():
         return fit
-    scales = replace(fit.scales, sigma=fit.scales.sigma * factors)
+    start = fit.misfit.at(fit.point, factors)
     tight = AnnealingSchedule(initial_q=fit.q, final_q=fit.q, max_steps=_STEPS)
-    again = annealer(segments, fit.point, scales, tight)
+    again = annealer(start, tight)
     if again.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK):
         loose = AnnealingSchedule(initial_q=max(fit.q, _LOOSE), final_q=fit.q)
-        again = annealer(segments, fit.point, scales, loose)
+        again = annealer(start, loose)
     if again.status is AnnealingStatus.INTERRUPTED:
         return again
     if again.status is not AnnealingStatus.CONVERGED:
@@ -293,9 +286,7 @@ _ROUNDS = 4  # of a search with the noise that the one before left
 _EVEN = 0.05  # by which that differs at most where it has settled
 
 
-def with_noise_from_misfit(
-    segments: Segments, start: Iterate, fit: AnnealingFit, annealer: Annealer
-) -> AnnealingFit | None:
+def with_noise_from_misfit(start: Iterate, fit: AnnealingFit, annealer: Annealer) -> AnnealingFit | None:
     """The fit of exact laws from a `start`, with what a `fit` that did not converge left of each channel as its noise.
 
     Beside noise that is far below what laws leave, what is known beforehand, as of the modes of a host, counts for nothing:
@@ -304,12 +295,11 @@ def with_noise_from_misfit(
     """
     point, schedule = start, AnnealingSchedule()
     for _ in range(_ROUNDS):
-        levels = residual_levels(segments, fit.misfit)
+        levels = residual_levels(fit.misfit)
         settled = fit.status is AnnealingStatus.CONVERGED and np.abs(levels - 1.0).max() < _EVEN
         if settled or fit.status is AnnealingStatus.INTERRUPTED:
             break
-        levels = np.where(levels > 0.0, levels, 1.0)
-        fit = annealer(segments, point, replace(fit.scales, sigma=fit.scales.sigma * levels), schedule)
+        fit = annealer(fit.misfit.at(point, np.where(levels > 0.0, levels, 1.0)), schedule)
         point, schedule = fit.point, AnnealingSchedule(initial_q=fit.q, final_q=fit.q)
     return fit if fit.status in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED) else None
 
@@ -580,13 +570,14 @@ class ColouredFit:
         return float(np.sum(squares / self.noise.variances) / self.noise.samples.sum())
 
 
-def with_coloured_noise(segments: Segments, fit: AnnealingFit, annealer: Annealer) -> ColouredFit | None:
+def with_coloured_noise(fit: AnnealingFit, annealer: Annealer) -> ColouredFit | None:
     """The fit with noise as coloured as the residuals of `fit`; None where they are white, or not such noise.
 
     `fit` need not have converged: too tight a weight on a coloured channel may be the cause.
     """
-    if fit.status is AnnealingStatus.INTERRUPTED or not isinstance(annealer.loss, Gaussian):
+    if fit.status is AnnealingStatus.INTERRUPTED or not isinstance(fit.misfit.loss, Gaussian):
         return None
+    segments = fit.misfit.segments
     first = ColouredNoise.of(fit.misfit.residuals, segments.linked)
     if first is None:
         return None
@@ -594,17 +585,16 @@ def with_coloured_noise(segments: Segments, fit: AnnealingFit, annealer: Anneale
     shown = np.where(segments.observed, segments.samples - left, np.nan)
     weights = np.sqrt(first.at_motion(in_time(shown, segments.linked)))
     coloured = np.isin(np.arange(len(weights)), first.channels)
-    scales = replace(fit.scales, sigma=fit.scales.sigma * np.where(coloured, weights, 1.0))
-    again = annealer(segments, fit.point, scales, _REWEIGHTED)
+    again = annealer(fit.misfit.at(fit.point, np.where(coloured, weights, 1.0)), _REWEIGHTED)
     if again.status is not AnnealingStatus.CONVERGED:
         return None
     noise = ColouredNoise.of(again.misfit.residuals, segments.linked)
-    covariance = None if noise is None else _covariance(segments, again, noise, annealer)
+    covariance = None if noise is None else _covariance(again, noise)
     if noise is None or covariance is None:
         return None
-    factor, cost = evidence(segments, again, again.q, annealer.loss)
-    cost -= 2.0 * degrees_of_freedom(segments, again) * np.log(factor)
-    in_first_units = 2.0 * noise.samples @ np.log(scales.sigma / fit.scales.sigma)
+    factor, cost = evidence(again)
+    cost -= 2.0 * degrees_of_freedom(again) * np.log(factor)
+    in_first_units = 2.0 * noise.samples @ np.log(again.scales.sigma / fit.scales.sigma)
     searched = fit.path if fit.status is AnnealingStatus.CONVERGED else ()
     return ColouredFit(
         replace(again, path=max(searched, again.path, key=len)),
@@ -614,9 +604,8 @@ def with_coloured_noise(segments: Segments, fit: AnnealingFit, annealer: Anneale
     )
 
 
-def _covariance(
-    segments: Segments, fit: AnnealingFit, noise: ColouredNoise, annealer: Annealer
-) -> Floats | None:
+def _covariance(fit: AnnealingFit, noise: ColouredNoise) -> Floats | None:
+    segments = fit.misfit.segments
     rows = eliminated_rows(fit.misfit, fit.q)
     if rows is None:
         return None

@@ -135,7 +135,7 @@ class Optimum:
     def searched(self, q: float, steps: int, start: Iterate | None = None) -> AnnealingFit:
         """The search at one relaxation, from this optimum or another `start`."""
         schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=steps)
-        return Annealer(self.loss)(self.segments, start or self.point, self.scales, schedule)
+        return Annealer()(self.misfit.at(start or self.point), schedule)
 
     def linear(
         self, candidates: CandidateForces | None = None, errors: SensorErrors | None = None, blocks: int = 1
@@ -399,7 +399,8 @@ def states_by_held_laws(start: Misfit, annealer: Annealer) -> Misfit:
         return start
     system, theta = segments.system, start.point.theta
     fixed_system = replace(system, parameters=replace(system.parameters, lower=theta, upper=theta))
-    fit = annealer(replace(segments, system=fixed_system), start, start.scales, _SCHEDULE)
+    held = replace(start, segments=replace(segments, system=fixed_system))
+    fit = annealer(held, _SCHEDULE)
     return start.at(replace(start.point, nodes=fit.point.nodes))
 
 
@@ -462,29 +463,18 @@ class ExplainedFit:
 
 
 def explained_fit(
-    segments: Segments,
-    start: Iterate,
-    fit: AnnealingFit,
-    annealer: Annealer,
-    *,
-    limit: float,
-    lowest: Floats,
-    options: LikelihoodOptions,
+    start: Iterate, fit: AnnealingFit, annealer: Annealer, *, lowest: Floats, options: LikelihoodOptions
 ) -> ExplainedFit:
     """`fit`, or, where noise as expected does not explain it, the likelier of fits with coloured noise and with model error.
 
     Parameters
     ----------
-    segments : Segments
-        The records.
     start : Iterate
         Where the search for `fit` started.
     fit : AnnealingFit
         The fit with white noise and exact laws.
     annealer : Annealer
         Fits again.
-    limit : float
-        By how much chi-square may differ from 1.
     lowest : array of shape (C,)
         The least deviations of the noise that residuals may show, infinite where it is stated.
     options : LikelihoodOptions
@@ -495,16 +485,19 @@ def explained_fit(
     ExplainedFit
         The fit and its errors.
     """
-    any_stated = bool(np.isinf(lowest).any())
-    off = _is_off(segments, fit, annealer.loss, limit, lowest)
-    inexact, known = options.model_error and segments.random is None, options.relaxation is not None
+    any_stated, limit = bool(np.isinf(lowest).any()), _limit(fit.samples)
+    off = _is_off(fit, lowest)
+    inexact, known = (
+        options.model_error and fit.misfit.segments.random is None,
+        options.relaxation is not None,
+    )
     white_alone = known or not (inexact and options.coloured_noise)
-    coloured = None if white_alone else with_coloured_noise(segments, fit, annealer)
+    coloured = None if white_alone else with_coloured_noise(fit, annealer)
     unreached = did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
     unlimited = inexact and not options.is_trial
     off_by_laws = off and fit.chi_square > 1.0 and _is_coloured(fit)
     is_sought = inexact and (known or unreached or off_by_laws)
-    found = with_model_error(segments, fit, start, annealer) if is_sought else None
+    found = with_model_error(fit, start, annealer) if is_sought else None
     candidate = None if found is not None and found.surpassed else found
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
         stated = any_stated and off
@@ -512,44 +505,43 @@ def explained_fit(
             coloured.fit, coloured.covariance, coloured.chi_square, stated, coloured=coloured.noise
         )
     if candidate is not None and candidate.exact:
-        fit = with_noise_of_residuals(segments, candidate.fit, annealer, lowest)
-        off = _is_off(segments, fit, annealer.loss, limit, lowest)
+        fit = with_noise_of_residuals(candidate.fit, annealer, lowest)
+        off = _is_off(fit, lowest)
     elif candidate is not None:
-        return _with_model_error(segments, candidate, annealer, limit, any_stated)
-    elif unlimited and unreached and (noisier := with_noise_from_misfit(segments, start, fit, annealer)):
+        return _with_model_error(candidate, any_stated)
+    elif unlimited and unreached and (noisier := with_noise_from_misfit(start, fit, annealer)):
         power = (
             np.square(noisier.misfit.residuals).sum(axis=2) * (noisier.scales.sigma / fit.scales.sigma) ** 2
         )
-        chi_square = float(power.sum()) / freedom(segments)
+        chi_square = float(power.sum()) / freedom(fit.misfit.segments)
         return ExplainedFit(
             noisier, noisier.covariance, chi_square, chi_square_off=True, noise_from_misfit=True
         )
     elif found is not None and unreached:
-        return _with_model_error(segments, found, annealer, limit, any_stated)
+        return _with_model_error(found, any_stated)
     return ExplainedFit(fit, fit.covariance, fit.chi_square, off)
 
 
-def _is_off(segments: Segments, fit: AnnealingFit, loss: Loss, limit: float, lowest: Floats) -> bool:
+def _is_off(fit: AnnealingFit, lowest: Floats) -> bool:
     """Whether chi-square is not that of the noise.
 
     Where outliers make up a part of it, a robust loss leaves less. Channels with hardly any noise leave nothing: whether
     chi-square is too small the others tell.
     """
+    limit, robust = _limit(fit.samples), not isinstance(fit.misfit.loss, Gaussian)
     if fit.chi_square > 1.0 + limit:
         return True
     stated = np.isinf(lowest)
-    least = 1.0 - limit if stated.any() or isinstance(loss, Gaussian) else min(_LEAST_ROBUST, 1.0 - limit)
+    least = 1.0 - limit if stated.any() or not robust else min(_LEAST_ROBUST, 1.0 - limit)
     noisy = stated | (fit.scales.sigma > lowest * _ROUNDED)
     if noisy.all():
         return not fit.chi_square >= least
-    samples = segments.observed[:, noisy].sum()
+    samples = fit.misfit.segments.observed[:, noisy].sum()
     power = float(np.sum(fit.misfit.residuals[:, noisy] ** 2)) / max(samples, 1)
     return bool(samples) and not power >= least
 
 
-def _with_model_error(
-    segments: Segments, candidate: ModelErrorCandidate, annealer: Annealer, limit: float, stated: bool
-) -> ExplainedFit:
+def _with_model_error(candidate: ModelErrorCandidate, stated: bool) -> ExplainedFit:
     fit, factor = candidate.fit, candidate.noise
     chi_square = factor**2
     ratios: Floats | None = np.ones(len(fit.covariance))
@@ -557,9 +549,9 @@ def _with_model_error(
         optimum = Optimum(fit.misfit, fit.q, factor)
         scatter = block_scatter(optimum, ~fit.at_bound)
         ratios = None if scatter is None else scatter.ratios
-    judged = ratios is not None and _are_small(segments, fit)
+    judged = ratios is not None and _are_small(fit)
     unexplained = chi_square > _LARGEST_EXCESS and _is_coloured(fit) and not judged
-    p = segments.system.parameters.size
+    p = fit.misfit.segments.system.parameters.size
     widened = np.full(len(fit.covariance), factor)
     if ratios is not None:
         widened[:p] *= ratios[:p]  # sensors: those of white model error
@@ -567,16 +559,16 @@ def _with_model_error(
         fit,
         fit.covariance * np.outer(widened, widened),
         chi_square,
-        bool(unexplained or (stated and abs(chi_square - 1.0) > limit)),
+        bool(unexplained or (stated and abs(chi_square - 1.0) > _limit(fit.samples))),
         fit.q,
         factor,
         ratios,
     )
 
 
-def _are_small(segments: Segments, fit: AnnealingFit) -> bool:
+def _are_small(fit: AnnealingFit) -> bool:
     """Whether the residuals are a small part of how far each channel moves from its mean."""
-    motion = moved(segments)
+    motion = moved(fit.misfit.segments)
     residuals = fit.misfit.residuals * fit.scales.sigma[:, None]
     return bool(np.all(np.sum(residuals**2, axis=(0, 2)) <= _SMALL**2 * np.sum(motion**2, axis=(0, 2))))
 
@@ -610,7 +602,7 @@ _JOINING = 30  # steps that linking the sides of a gap may take
 
 def searched(
     problem: ShootingProblem, spread: Floats | None, options: LikelihoodOptions, annealer: Annealer
-) -> tuple[Segments, Iterate, AnnealingFit, float]:
+) -> tuple[Iterate, AnnealingFit]:
     """The optimum of a problem.
 
     Long gaps break the chain of segments at first; its parts are linked where the laws and the samples allow it.
@@ -628,8 +620,8 @@ def searched(
 
     Returns
     -------
-    tuple of (Segments, Iterate, AnnealingFit, float)
-        The segments, the start and the result of annealing, and by how much its chi-square may differ from 1 by chance.
+    tuple of (Iterate, AnnealingFit)
+        The start and the result of annealing.
     """
     segments = split_at_gaps(problem.segments)
     many = len(segments.system.incidence) >= MANY
@@ -638,12 +630,12 @@ def searched(
     else:
         beside = problem.start.nodes[len(options.nodes) :]  # random forces, which another fit may not have
         start = replace(problem.start, nodes=np.concatenate([options.nodes, beside]))
-    misfit, schedule = evaluate(segments, start, problem.scales, annealer.loss), _WARM
+    misfit, schedule = evaluate(segments, start, problem.scales, options.loss), _WARM
     if options.nodes is None:
         misfit = within_reach(misfit)
         fit = _of_long_record(problem, misfit, options, annealer)
         if fit is not None:
-            return segments, misfit.point, fit, _limit(segments)
+            return misfit.point, fit
         schedule = _FAR_OF_MANY if many else AnnealingSchedule()
         if spread is not None:
             misfit = states_by_held_laws(misfit, annealer)
@@ -659,22 +651,23 @@ def searched(
         final_q=max(schedule.final_q, options.tightest),
     )
     if segments.random is not None:
-        tight = relaxation(segments, problem.scales, start)
+        tight = relaxation(misfit)
         schedule = replace(schedule, initial_q=max(schedule.initial_q, tight), final_q=tight)
-    limit = _limit(segments)
     held = _with_held_scale(segments)
     # whose prior counts the same at the start
-    fit = annealer(held or segments, misfit, problem.scales, schedule)
-    if held is not None and fit.status is not AnnealingStatus.INTERRUPTED:
-        released = annealer(segments, fit.point, fit.scales, _loosened(schedule))
-        fit = replace(released, path=(*fit.path, *released.path))
+    fit = annealer(replace(misfit, segments=held or segments), schedule)
+    if held is not None:
+        fit = replace(fit, misfit=misfit.at(fit.point))
+        if fit.status is not AnnealingStatus.INTERRUPTED:
+            released = annealer(fit.misfit, _loosened(schedule))
+            fit = replace(released, path=(*fit.path, *released.path))
     if not options.is_trial and did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
-        fit = _resumed(segments, fit, schedule, annealer)
+        fit = _resumed(fit, schedule, annealer)
     if problem.segments.chains < segments.chains:
-        joined = _joined(problem.segments, fit, limit, annealer)
+        joined = _joined(problem.segments, fit, annealer)
         if joined is not None:
-            return problem.segments, start, joined, limit
-    return segments, start, fit, limit
+            return start, joined
+    return start, fit
 
 
 def _with_held_scale(segments: Segments) -> Segments | None:
@@ -704,12 +697,12 @@ def _of_long_record(
     segments = start.segments
     if problem.segments.chains < segments.chains or not is_long(segments):
         return None
-    return search_long_record(start, annealer, _limit(segments))
+    return search_long_record(start, annealer, _limit(int(segments.observed.sum())))
 
 
-def _limit(segments: Segments) -> float:
-    """By how much chi-square may differ from 1 by chance."""
-    return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / int(segments.observed.sum())))
+def _limit(samples: int) -> float:
+    """By how much chi-square of so many samples may differ from 1 by chance."""
+    return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / samples))
 
 
 def _loosened(schedule: AnnealingSchedule) -> AnnealingSchedule:
@@ -723,15 +716,13 @@ def _loosened(schedule: AnnealingSchedule) -> AnnealingSchedule:
     )
 
 
-def _resumed(
-    segments: Segments, fit: AnnealingFit, schedule: AnnealingSchedule, annealer: Annealer
-) -> AnnealingFit:
+def _resumed(fit: AnnealingFit, schedule: AnnealingSchedule, annealer: Annealer) -> AnnealingFit:
     """A search that ended before it converged, taken up again from its values and states with looser links.
 
     Close to its end it may creep along a bend of the likelihood, which looser links straighten. Where the second search does
     not converge either, the one with the lower cost at the tighter of their links is returned.
     """
-    again = annealer(segments, fit.point, fit.scales, _loosened(schedule))
+    again = annealer(fit.misfit, _loosened(schedule))
     path = (*fit.path, *again.path)
     tight = min(fit.q, again.q)
     if again.status is AnnealingStatus.CONVERGED or again.misfit.cost(tight) <= fit.misfit.cost(tight):
@@ -740,12 +731,12 @@ def _resumed(
     return replace(fit, status=again.status if interrupted else fit.status, path=path)
 
 
-def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer) -> AnnealingFit | None:
+def _joined(whole: Segments, fit: AnnealingFit, annealer: Annealer) -> AnnealingFit | None:
     """The fit with both sides of every long gap linked, None if laws and samples do not determine how."""
     if fit.status is not AnnealingStatus.CONVERGED:
         return None
-    joined = annealer(
-        whole, carry_through_gaps(whole, fit.point), fit.scales, AnnealingSchedule(max_steps=_JOINING)
-    )
-    settled = joined.status is AnnealingStatus.CONVERGED and joined.chi_square < fit.chi_square + limit
+    start = replace(fit.misfit, segments=whole).at(carry_through_gaps(whole, fit.point))
+    joined = annealer(start, AnnealingSchedule(max_steps=_JOINING))
+    limit = fit.chi_square + _limit(fit.samples)
+    settled = joined.status is AnnealingStatus.CONVERGED and joined.chi_square < limit
     return joined if settled else None

@@ -165,7 +165,7 @@ def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> _Horizon | None:
     if blocks_of_scatter(optimum.segments) == 1:
         return None
     with one_blas_thread():
-        noise, _ = evidence(optimum.segments, found, found.q, optimum.loss)
+        noise, _ = evidence(found)
         scores = optimum.block_scores(BLOCKS[0])
     if scores is None:
         return None
@@ -262,7 +262,7 @@ def _tightened(optimum: Optimum, factor: float) -> Optimum:
         return replace(optimum, q=max(factor * optimum.q, AnnealingSchedule.final_q))
     quieter = replace(random.scaled(np.full(len(random.rows), factor)), slope=None, origin=None)
     misfit = replace(optimum.misfit, segments=replace(segments, random=quieter))
-    return replace(optimum, misfit=misfit, q=relaxation(misfit.segments, optimum.scales, optimum.point))
+    return replace(optimum, misfit=misfit, q=relaxation(misfit))
 
 
 def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> tuple[Cause, float, float] | None:

@@ -334,11 +334,11 @@ def refitted(
     lower = np.where(is_fixed, point.theta, system.parameters.lower)
     upper = np.where(is_fixed, point.theta, system.parameters.upper)
     constrained = replace(system, parameters=replace(system.parameters, lower=lower, upper=upper))
-    return Annealer(optimum.loss)(
-        replace(optimum.segments, system=constrained),
-        replace(point, theta=np.clip(point.theta, lower, upper)),
-        optimum.scales,
-        replace(schedule or AnnealingSchedule(), initial_q=max(q, min(_LOOSENED * q, _LOOSEST)), final_q=q),
+    misfit = replace(optimum.misfit, segments=replace(optimum.segments, system=constrained))
+    schedule = schedule or AnnealingSchedule()
+    return Annealer()(
+        misfit.at(replace(point, theta=np.clip(point.theta, lower, upper))),
+        replace(schedule, initial_q=max(q, min(_LOOSENED * q, _LOOSEST)), final_q=q),
     )
 
 
@@ -479,7 +479,7 @@ def _relaxed_fits(fit: LikelihoodFit) -> Iterator[tuple[AnnealingFit, float]]:
         relaxed = optimum.searched(q, _RELAXED_STEPS, point)
         if relaxed.status not in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED):
             return
-        yield relaxed, evidence(optimum.segments, relaxed, q, optimum.loss)[1]
+        yield relaxed, evidence(relaxed)[1]
         if relaxed.status is AnnealingStatus.INTERRUPTED:
             return
         point = relaxed.point

@@ -40,7 +40,7 @@ from linkwise.likelihood.shooting.normal_equations import (
     firm_factor,
     linearise,
 )
-from linkwise.likelihood.shooting.residuals import Loss, Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import MANY
 from linkwise.progress import Progress, ProgressReport, silent
@@ -545,35 +545,26 @@ class AnnealingFit:
 
 @dataclass(frozen=True)
 class Annealer:
-    """The search for an optimum, with its loss, threads and progress.
+    """The search for an optimum, with its threads and progress.
 
     Parameters
     ----------
-    loss : Loss
-        Loss of a residual.
     executor : Executor, optional
         Threads for the normal equations.
     progress : Progress, optional
         Called at every step.
     """
 
-    loss: Loss
     executor: Executor | None = None
     progress: Progress = silent
 
-    def __call__(
-        self, segments: Segments, start: Iterate | Misfit, scales: Scales, schedule: AnnealingSchedule
-    ) -> AnnealingFit:
+    def __call__(self, misfit: Misfit, schedule: AnnealingSchedule) -> AnnealingFit:
         """Fit nodes, parameters, offsets and gains to segments.
 
         Parameters
         ----------
-        segments : Segments
-            The records in segments.
-        start : Iterate or Misfit
-            Starting values, or the misfit there.
-        scales : Scales
-            Units of the unknowns.
+        misfit : Misfit
+            That at the start.
         schedule : AnnealingSchedule
             How the relaxation is lowered.
 
@@ -587,11 +578,11 @@ class Annealer:
         IdentificationError
             If the motion from the start is not finite.
         """
-        path = list[AnnealingStep]()
+        _require_finite(misfit, schedule.initial_q)
+        path, segments, scales = list[AnnealingStep](), misfit.segments, misfit.scales
         control = SearchState(schedule.initial_q, schedule.initial_q, gains=segments.sensors.gains > 0)
         status = AnnealingStatus.EXHAUSTED
         samples = int(segments.observed.sum())
-        misfit = self._started(segments, start, scales, schedule.initial_q)
         linear: Linearization | None = None
         damped: DampedEquations | None = None
         theta, groups = misfit.point.theta, groups_at(misfit)
@@ -637,20 +628,6 @@ class Annealer:
         linear, damped = linear or self._linear(misfit, groups), None
         return self._ended(misfit, firm_factor(linear, control.q, factor), control.q, status, path)
 
-    def _started(self, segments: Segments, start: Iterate | Misfit, scales: Scales, q: float) -> Misfit:
-        """The misfit at a start, which must be finite."""
-        if isinstance(start, Misfit):
-            misfit = replace(start, segments=segments, scales=scales, loss=self.loss)
-        else:
-            misfit = evaluate(segments, start, scales, self.loss)
-        if not np.isfinite(misfit.cost(q)):
-            raise IdentificationError(
-                "the motion that starts from the states in the record runs to infinity within a few samples: the time may be "
-                "in another unit than s (write time[ms]), a channel in another than its header says, a law is not finite over "
-                "the motion of its link, or a force acts that no channel shows (identify takes it as ambient)"
-            )
-        return misfit
-
     def _ended(
         self,
         misfit: Misfit,
@@ -663,7 +640,7 @@ class Annealer:
         border, (lower, upper) = misfit.point.border, bounds(misfit.segments)
         free = (border > lower) & (border < upper)
         found = covariance(factor, misfit.scales, free)
-        chi_square = misfit.cost_of_samples(q) / (freedom(misfit.segments) * self.loss.expected)
+        chi_square = misfit.cost_of_samples(q) / (freedom(misfit.segments) * misfit.loss.expected)
         return AnnealingFit(misfit, q, found, ~free, chi_square, status, tuple(path))
 
     def _linear(self, misfit: Misfit, groups: Sequence[Neighbourhood]) -> Linearization:
@@ -671,3 +648,13 @@ class Annealer:
         if groups:
             return local_linearization(LocalRows(misfit, groups), self.executor)
         return linearise(misfit, self.executor)
+
+
+def _require_finite(misfit: Misfit, q: float) -> None:
+    """Raise IdentificationError where the motion from a start is not finite."""
+    if not np.isfinite(misfit.cost(q)):
+        raise IdentificationError(
+            "the motion that starts from the states in the record runs to infinity within a few samples: the time may be "
+            "in another unit than s (write time[ms]), a channel in another than its header says, a law is not finite over "
+            "the motion of its link, or a force acts that no channel shows (identify takes it as ambient)"
+        )

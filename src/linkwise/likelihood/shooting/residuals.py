@@ -279,9 +279,10 @@ class Misfit:
         """(M, C, K) residuals, also of the observations that stand for clipped readings."""
         return self.residuals if self.clipped is None else self.residuals + self.clipped.residuals
 
-    def at(self, point: Iterate) -> Misfit:
-        """That at another point."""
-        return evaluate(self.segments, point, self.scales, self.loss)
+    def at(self, point: Iterate, louder: Floats | float = 1.0) -> Misfit:
+        """That at another point, the deviations of the noise so many times as large."""
+        scales = replace(self.scales, sigma=self.scales.sigma * louder)
+        return evaluate(self.segments, point, scales, self.loss)
 
     @cached_property
     def mechanics(self) -> NumericSystem:

@@ -569,7 +569,7 @@ def noise_draws(optimum: Optimum, draws: int, rng: np.random.Generator) -> Calla
     segments = optimum.segments
     M, C, K = segments.samples.shape
     if optimum.coloured is None:
-        sizes = residual_levels(segments, optimum.misfit)[:, None]
+        sizes = residual_levels(optimum.misfit)[:, None]
         return lambda part: (sizes * rng.standard_normal((part.stop - part.start, M, C, draws))).reshape(
             part.stop - part.start, M * C, draws
         )
