@@ -463,6 +463,6 @@ class DiscoveryOptions(AskedFor):
             object.__setattr__(self, name, dict(getattr(self, name) or {}))
         for name in ("ambient", "input_noise", "drifts", "corners", "clocks"):
             given = getattr(self, name) or ()
-            copied = dict if isinstance(given, Mapping) else tuple if isinstance(given, list) else None
-            object.__setattr__(self, name, copied(given) if copied else given)
+            given = dict(given) if isinstance(given, Mapping) else given
+            object.__setattr__(self, name, tuple(given) if isinstance(given, list) else given)
         parse_terms(terms, possible_signals(terms))  # raises what is wrong with them
