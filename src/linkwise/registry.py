@@ -7,26 +7,16 @@ need. Both are used at module level, so that the imports of a file are still all
 
 from __future__ import annotations
 
-import copyreg
 from collections import UserDict
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from pkgutil import resolve_name
-from types import MappingProxyType
 from typing import Any, TypeVar, cast, final
 
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError
 
 T = TypeVar("T")
-
-
-def read_only(table: Mapping[str, T]) -> MappingProxyType[str, T]:
-    """A table that nobody may change; it goes to other processes with what holds it."""
-    return MappingProxyType(table)
-
-
-copyreg.pickle(MappingProxyType, lambda table: (read_only, (dict(table),)))
 
 
 @final

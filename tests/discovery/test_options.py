@@ -1,6 +1,7 @@
 """Options of discovery, terms with parameters and with signals."""
 
 from dataclasses import fields, replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -149,3 +150,11 @@ def test_a_term_that_names_a_signal_needs_its_channel() -> None:
     without = valve_record().select(["x:m1", "force:m1"])
     with pytest.raises(lw.IdentificationError, match=r"contains the name 'u'.* or record a channel signal:u"):
         lw.discover(without, {"m1": 1.0}, terms="v, d, u*v")
+
+
+def test_what_was_stated_is_copied_and_what_is_no_list_is_left_to_its_check() -> None:
+    """A generator ended in a TypeError on pickles."""
+    stated, masses = {"force:m1": 0.1}, (name for name in ["m1"])
+    options = lw.discovery.DiscoveryOptions(input_noise=MappingProxyType(stated), ambient=masses)  # type: ignore[arg-type]
+    stated.clear()
+    assert options.input_noise == {"force:m1": 0.1} and options.ambient is masses

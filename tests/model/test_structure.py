@@ -1,9 +1,11 @@
 """The structure: what it accepts, what it refuses and in which words, sharing, incidence."""
 
+import copyreg
 import math
 import pickle
 import re
 from collections.abc import Callable
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -158,6 +160,8 @@ def test_structures_compare_hash_and_pickle_and_cannot_be_changed(mixed: Structu
     assert list(link.coefficients) == ["k", "c"]
     with pytest.raises(TypeError):
         link.coefficients["k"] = NUMBER(3.0)  # type: ignore[index]
+    assert type(pickle.loads(pickle.dumps(link)).coefficients) is MappingProxyType
+    assert MappingProxyType not in copyreg.dispatch_table  # whose pickles are not ours to define
 
 
 A, B = mass("a"), mass("b")

@@ -7,7 +7,6 @@ terms that are selected on the same pair join the law of the first of them.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import final
@@ -459,9 +458,11 @@ class DiscoveryOptions(AskedFor):
             given = getattr(self, name) or ()
             expect(f"DiscoveryOptions: {name}", given, str, tuple, list)
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
-        # copies, so that the options stay as they were stated
+        # copies, so that the options stay as they were stated; what is neither a list nor a table is refused where it is used
         for name in ("calibration", "harmonics", "hums"):
             object.__setattr__(self, name, dict(getattr(self, name) or {}))
         for name in ("ambient", "input_noise", "drifts", "corners", "clocks"):
-            object.__setattr__(self, name, copy(getattr(self, name) or ()))
+            given = getattr(self, name) or ()
+            given = dict(given) if isinstance(given, Mapping) else given
+            object.__setattr__(self, name, tuple(given) if isinstance(given, list) else given)
         parse_terms(terms, possible_signals(terms))  # raises what is wrong with them

@@ -357,8 +357,8 @@ def _refined_hum(
     series = residuals.transpose(1, 2, 0).reshape(residuals.shape[1], -1)
     time, _ = _times(fit.segments, records)
     near = line + _STEP / max(record.duration for record in records) * np.linspace(-1.0, 1.0, _FINE)
-    waves = np.exp(-2j * np.pi * np.outer(time.T.ravel(), near))
-    powers = np.abs(series @ waves).T ** 2
+    turns = -2j * np.pi * time.T.ravel()
+    powers = np.array([np.abs(series @ np.exp(frequency * turns)) ** 2 for frequency in near])
     most = int(np.argmax(powers[:, channel]))
     return float(near[most]), bool(powers[most, channel] > _ALONE * powers[most].sum())
 

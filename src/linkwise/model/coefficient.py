@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -19,6 +20,12 @@ Text = TypeVar("Text", bound=str)  # of mappings by name, whose keys may be text
 MASS = "mass"
 SHAPE = "shape."
 """What the names of shapes in their mode begin with; the name of the point follows."""
+
+
+def by_constructor(whole: Any) -> tuple[type[Any], tuple[Any, ...]]:
+    """What pickles a frozen dataclass by its constructor, of which tables that nobody may change are part."""
+    values = (getattr(whole, member.name) for member in fields(whole))
+    return type(whole), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
 
 
 class Name(str):

@@ -20,6 +20,7 @@ from linkwise.errors import LawError, SimulationError, expect
 from linkwise.expression import Expression, differentiate, parse_with_positions, symbols
 from linkwise.expression.program import cached_program
 from linkwise.expression.tree import Symbol
+from linkwise.model.coefficient import by_constructor
 
 ORDERS = (0, 1, 3, 5, 7)
 _UPSAMPLING = 4  # factor by which band-limited samples are refined before the spline
@@ -433,6 +434,7 @@ class Excitation:
     forces: Mapping[str, InputSignal]
     base: InputSignal | None
     signals: Mapping[str, InputSignal]
+    __reduce__ = by_constructor
 
     def __init__(
         self,

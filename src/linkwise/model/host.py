@@ -22,7 +22,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError, expect
-from linkwise.model.coefficient import Coefficient, as_coefficient, index_of
+from linkwise.model.coefficient import Coefficient, as_coefficient, by_constructor, index_of
 from linkwise.model.law import Law
 from linkwise.model.link import ANGLE, BASE, GROUND, LENGTH, Link, Mass, check_name
 
@@ -63,6 +63,7 @@ class HostMode:
     shape: Mapping[str, float] = field(hash=False)
     shape_sigma: Mapping[str, float] = field(hash=False)
     rotations: frozenset[str]
+    __reduce__ = by_constructor
 
     def __init__(
         self,
@@ -289,6 +290,7 @@ class Host:
     modes: tuple[HostMode, ...]
     notes: tuple[str, ...] = field(default=(), compare=False)
     damping: Mapping[Pair, Coefficient | float] = field(default_factory=dict, hash=False)
+    __reduce__ = by_constructor
 
     def __post_init__(self) -> None:
         check_name(self.name, "host")

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, StructureError, expect, located
-from linkwise.model.coefficient import Coefficient, as_coefficient
+from linkwise.model.coefficient import Coefficient, as_coefficient, by_constructor
 from linkwise.model.law import Law, LinkState
 from linkwise.units import to_si
 
@@ -139,6 +139,7 @@ class Link:
     between: tuple[str, str]
     law: Law
     coefficients: Mapping[str, Coefficient] = field(hash=False)
+    __reduce__ = by_constructor
 
     def __init__(
         self,

@@ -6,7 +6,7 @@ Behind a simulated record stands the truth: noise-free motion, energies and pred
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol, overload
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
 from linkwise.errors import RecordError, expect
-from linkwise.model.coefficient import Text
+from linkwise.model.coefficient import Text, by_constructor
 from linkwise.records.channel import (
     COMMON,
     HELD,
@@ -267,6 +267,7 @@ class Record(NotebookView):
     units: Mapping[str, str] = field(default_factory=dict)
     uncertainty: Mapping[str, SensorUncertainty] = field(default_factory=dict)
     clipped: Mapping[str, ClippedSamples] = field(default_factory=dict)
+    __reduce__ = by_constructor
 
     if TYPE_CHECKING:  # that of the fields, with channels by their names, which are parsed
 
@@ -382,9 +383,6 @@ class Record(NotebookView):
         line, values, remarks = sampled_columns(time, columns)
         told = (*notes, *remarks)
         return cls(line.start, line.rate, tuple(columns), values, noise or {}, source=source, notes=told)
-
-    def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
-        return type(self), tuple(getattr(self, member.name) for member in fields(self))
 
     def __len__(self) -> int:
         return len(self.values)

@@ -237,7 +237,11 @@ def _measured(
         shown = [n for n, channel in enumerate(channels) if channel.kind == kind and not channel.is_input]
         if shown:
             rows = np.array([structure.topology.row(channels[n].place) for n in shown])
-            values[:, shown] = arrays[kind] @ rows.T
+            seen = arrays[kind] @ rows.T
+            if len(shown) == len(channels):  # of all, whose copy would double the memory
+                values = seen
+            else:
+                values[:, shown] = seen
     for column, channel in enumerate(channels):
         order = channel.order if channel.is_motion else 0
         if channel.is_input:

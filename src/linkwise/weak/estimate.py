@@ -333,9 +333,8 @@ class WeakForm(Estimator):
         frame = framed(given, structure)
         record = frame.record
         with one_blas_thread():
-            structure_layout(
-                structure
-            )  # refuses states that are not linear, which measuring them would not change
+            # refuses states that are not linear, which measuring them would not change
+            structure_layout(structure)
             motion = read_displacements(record, structure)
             equations, fit, converged = weak_search(record, structure, motion)
             if converged:

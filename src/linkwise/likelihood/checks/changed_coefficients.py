@@ -64,9 +64,8 @@ def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
         change = change if change is not None and closer.explains_most(change.gain) else None
     if change is None:
         return None
-    explained = (
-        f"{beside}, one value" if beside else "One value"
-    )  # beside what laws lack, in words, if that shows it
+    # beside what laws lack, in words, if that shows it
+    explained = f"{beside}, one value" if beside else "One value"
     return replace(
         before,
         verdict=Verdict.COEFFICIENT_CHANGES,

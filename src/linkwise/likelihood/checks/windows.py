@@ -85,9 +85,8 @@ def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     follows = _FALLS[best] > _SLOWER * _FALLS[int(np.argmin(levels.by_falls(levels.motion).sum(axis=1)))]
     apart = max(len(levels.part) - 1, 1)  # a window falls in all channels alike
     by_each = float(of_each.min(axis=0).sum()) + chdtri(apart, _BY_CHANCE) * scatter
-    least = max(
-        (_CHANCE, *(cause.gain for cause in before.diagnosis))
-    )  # laws that lack a term leave more at its motion
+    # laws that lack a term leave more at its motion
+    least = max((_CHANCE, *(cause.gain for cause in before.diagnosis)))
     rival = min(levels.by_growth + _LIKELIER * scatter, by_each)
     if gain < least or _FALLS[best] < _LEAST or follows or rival < costs[best]:
         return None

@@ -325,9 +325,8 @@ def tangents(
 def march(forces: TangentForces, scale: Floats) -> Iterator[TangentStep]:
     """Carry sensitivities from the nodes on, of states in units `scale` (2n + S,); yields as `tangents` does."""
     into_links, gain, system = forces.into_links, forces.gain, forces.mechanics.system
-    stretched = -system.base[:, None, None].astype(
-        np.float32
-    )  # by the error of the recorded displacement of the base
+    # by the error of the recorded displacement of the base
+    stretched = -system.base[:, None, None].astype(np.float32)
     state, inner = forces.at_nodes(scale)
     L, (S, P, K) = into_links.shape[0], inner.shape
     stack, pulls, motion = (np.empty((count, L, P, K), np.float32) for count in (4, 3, 2))

@@ -162,6 +162,14 @@ class Added:
             return float(bool(self.samples))
         return float(np.sqrt(power / len(self.forces)))
 
+    @property
+    def scaled(self) -> Added:
+        """The same divided by its scale, in arrays of its own: of a long record, those that it was made of need not stay."""
+        scale = self.scale
+        forces = [(first, second, np.asarray(f / scale, np.float32)) for first, second, f in self.forces]
+        samples = [(channel, values / scale) for channel, values in self.samples]
+        return Added(self.error, forces, samples, self.unit or 1.0 / scale)
+
 
 @dataclass(frozen=True, eq=False)
 class TestedColumns:
@@ -181,18 +189,18 @@ class TestedColumns:
     @classmethod
     def of(cls, every: Iterable[Added]) -> TestedColumns:
         """What errors add in their units; without those that add nothing."""
-        added = [one for one in every if one.scale > 0.0]
+        added = [one.scaled for one in every if one.scale > 0.0]
         forces = [(k, *force) for k, one in enumerate(added) for force in one.forces]
         samples = [(k, *shown) for k, one in enumerate(added) for shown in one.samples]
         candidates, errors = None, None
         if forces:
             ends = np.array([places for _, *places, _ in forces])
-            along = [np.asarray(values / added[k].scale, np.float32) for k, _, _, values in forces]
-            candidates = CandidateForces(ends[:, 0], ends[:, 1], np.stack(along, axis=1))
+            along = np.stack([values for *_, values in forces], axis=1)
+            candidates = CandidateForces(ends[:, 0], ends[:, 1], along)
         if samples:
-            values = np.stack([values / added[k].scale for k, _, values in samples], axis=1)
+            values = np.stack([values for *_, values in samples], axis=1)
             errors = SensorErrors(np.array([channel for _, channel, _ in samples]), values)
-        units = np.array([one.unit or 1.0 / one.scale for one in added])
+        units = np.array([one.unit for one in added])
         owners = [*(force[0] for force in forces), *(shown[0] for shown in samples)]
         return cls([one.error for one in added], units, candidates, errors, owners)
 
