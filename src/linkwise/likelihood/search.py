@@ -27,12 +27,11 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.coloured_noise import ColouredNoise, with_coloured_noise
 from linkwise.likelihood.marginal import did_not_converge, is_long, relaxation, search_long_record
 from linkwise.likelihood.noise import (
-    ColouredNoise,
     ModelErrorCandidate,
     lag_one_autocorrelation,
-    with_coloured_noise,
     with_model_error,
     with_noise_from_misfit,
     with_noise_of_residuals,
