@@ -15,7 +15,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "absorption": (11, 2177),
     "analysis": (4, 482),
     "cli": (21, 1840),
-    "discovery": (18, 3441),
+    "discovery": (19, 3441),
     "estimates": (8, 1453),
     "export": (9, 772),
     "expression": (6, 1068),
