@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1941),
     "identification": (12, 2392),
     "inspection": (9, 1879),
-    "likelihood": (63, 13821),
+    "likelihood": (64, 13821),
     "modal": (5, 840),
     "model": (16, 2956),
     "paper": (3, 358),

@@ -26,12 +26,7 @@ import scipy
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.noise import degrees_of_freedom, evidence
 from linkwise.likelihood.shooting.linear_model import EliminatedRows, eliminated_rows
-from linkwise.likelihood.shooting.minimise import (
-    Annealer,
-    AnnealingFit,
-    AnnealingSchedule,
-    AnnealingStatus,
-)
+from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.whiteness import is_white
