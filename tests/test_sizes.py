@@ -33,7 +33,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "root": (11, 942),
     "signals": (6, 837),
     "simulation": (9, 1595),
-    "sindy": (9, 1036),
+    "sindy": (8, 1036),
     "study": (9, 1398),
     "weak": (8, 1693),
 }

@@ -22,9 +22,8 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.states import DifferentiationMethod as Derivative
 from linkwise.signals.states import differentiate
-from linkwise.sindy.conventions import Convention, noisy_states
+from linkwise.sindy.conventions import Convention, Reading, monomial_force, monomial_nmse, noisy_states
 from linkwise.sindy.estimate import MAX_UNEXPLAINED
-from linkwise.sindy.force_reading import Reading, monomial_force, monomial_nmse
 from linkwise.sindy.library import Monomials, link_columns, monomial_equations, tags
 from linkwise.sindy.regression import REGRESSORS
 from linkwise.sindy.regression.gram import Gram
