@@ -7,7 +7,7 @@ from tapped_beam import DAMPING, shaken, tapped
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.modal.measured import MeasuredRun, ModalMeasurement
+from linkwise.modal.measurement import MeasuredRun, ModalMeasurement
 from linkwise.modal.oscillators import ComplexModes, SampledForce
 from linkwise.modal.output_error import _OutputError
 from linkwise.modal.pursuit import Projection, PursuedModes, pursued_modes

@@ -12,8 +12,16 @@ from linkwise.model.chains import bnes_chain
 from linkwise.records.record import Record
 from linkwise.signals.states import differentiate
 from linkwise.simulation.simulate import simulate
-from linkwise.sindy.conventions import CONVENTIONS, MEANING, Convention, noisy_states
-from linkwise.sindy.force_reading import READINGS, Reading, monomial_force, monomial_nmse
+from linkwise.sindy.conventions import (
+    CONVENTIONS,
+    MEANING,
+    READINGS,
+    Convention,
+    Reading,
+    monomial_force,
+    monomial_nmse,
+    noisy_states,
+)
 from linkwise.sindy.library import monomial_equations
 from linkwise.sindy.regression.regressor import LeastSquares, RegressionFit
 

@@ -8,8 +8,7 @@ from structures import link, named, structure, torsion_chain
 
 import linkwise as lw
 from linkwise.study.definition import parse_study
-from linkwise.study.methods import DiscoveryMethod, judged
-from linkwise.study.sindy_methods import PySindyMethod, SindyMethod
+from linkwise.study.methods import DiscoveryMethod, PySindyMethod, SindyMethod, judged
 from linkwise.study.subject import Subject
 
 CHAIN = lw.bnes_chain(2)

@@ -21,12 +21,12 @@ from linkwise.discovery.result import PathPoint
 from linkwise.discovery.selection import Rounds, Selection, Start, TermSearch, starts_of
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.noise import is_coloured
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.search import block_scatter
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import overdispersion
 from linkwise.likelihood.tests.score_test import determinant_slopes
+from linkwise.likelihood.whiteness import is_coloured
 from linkwise.model.structure import Structure
 
 _MOST_STEPS = 1000  # of all fits; a search that takes more creeps from one poor model to the next

@@ -25,8 +25,8 @@ from linkwise.display import (
     remark_lines,
 )
 from linkwise.errors import IdentificationError, RecordError
-from linkwise.likelihood.noise import is_white
-from linkwise.modal.measured import ModalMeasurement
+from linkwise.likelihood.whiteness import is_white
+from linkwise.modal.measurement import ModalMeasurement
 from linkwise.modal.output_error import ModalFit, modal_fit
 from linkwise.modal.pursuit import PursuedModes, doubled_mode, pursued_modes, shadow_mode
 from linkwise.model.coefficient import Coefficient

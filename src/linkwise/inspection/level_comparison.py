@@ -28,7 +28,7 @@ from linkwise.inspection.level_quantities import (
     motions,
     ring_downs,
 )
-from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.measurement import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.joining import labels, record_list

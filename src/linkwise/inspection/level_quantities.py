@@ -30,7 +30,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Bools, Floats, bridged
-from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.measurement import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.model.link import ANGLE, LENGTH
 from linkwise.progress import silent

@@ -1,8 +1,6 @@
 """Maximum-likelihood fit of a structure to records: segments, start, annealing, model error.
 
-Gains of channels that the records do not tell, as of all that they show together: one factor leaves the laws alone.
-
-The motion of the links along a fitted orbit.
+It refuses gains of channels that the records do not tell, as of all that they show together: one factor leaves the laws alone.
 """
 
 from __future__ import annotations

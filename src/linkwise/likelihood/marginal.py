@@ -1,8 +1,9 @@
-"""Maximum marginal likelihood with random forces: the states integrated out, the deviations of forces and noise found.
+"""Searches that stop short of exact laws: with random forces, states integrated out, and in long records of few masses.
 
-The most likely states are smoother than the true ones, so that states and coefficients fitted together give biased
-coefficients where random forces are large: a damping of nearly zero for a structure in ambient vibration. Integrated over the
-states, -2 log of the likelihood is, in the Laplace approximation, exact for linear laws,
+With random forces the deviations of forces and noise are found with the coefficients. The most likely states are smoother than
+the true ones, so that states and coefficients fitted together give biased coefficients where random forces are large: a
+damping of nearly zero for a structure in ambient vibration. Integrated over the states, -2 log of the likelihood is, in the
+Laplace approximation, exact for linear laws,
 
     min over states of the cost  +  log det H  +  2 K sum log(deviation of force)  +  2 N sum log(deviation of noise) ,
 
@@ -10,6 +11,14 @@ with the equations H of the states. The gradient of log det H by the coefficient
 added to the cost as a linear term, and the fit repeated until it agrees with itself. The deviations follow from the same
 log det H: that of a force is the root of its sum of squares over the number of forces that the record determines (MacKay
 1992).
+
+In a long record of few masses the links between segments are tightened only as far as its likelihood has one optimum. A search
+that tightens the links between segments as far as in other records creeps in a long chaotic one. Somewhere in it the motion
+comes close to where neighbouring motions part, and there the likelihood of exact laws has many optima: each of a hundred
+thousand samples has its own such places, the damping that one of them needs holds back all others, and where the search ends
+is one optimum of many. With looser links the motion forgets before that happens. The tightest links are taken at which few
+steps lead to an optimum that looser links do not contradict: of two estimates, one of which uses more of the same data, the
+difference has the covariance of the one less that of the other.
 
 References
 ----------
@@ -19,17 +28,6 @@ D. J. C. MacKay, Neural Computation 4, 415 (1992).
 
 L. Tierney and J. B. Kadane, J. Am. Stat. Assoc. 81, 82 (1986), for the Laplace approximation.
 
-The search in a long record of few masses, from loose links to tight ones.
-
-A search that tightens the links between segments as far as in other records creeps in a long chaotic one. Somewhere in it the
-motion comes close to where neighbouring motions part, and there the likelihood of exact laws has many optima: each of a
-hundred thousand samples has its own such places, the damping that one of them needs holds back all others, and where the
-search ends is one optimum of many. With looser links the motion forgets before that happens. The tightest links are taken at
-which few steps lead to an optimum that looser links do not contradict: of two estimates, one of which uses more of the same
-data, the difference has the covariance of the one less that of the other.
-
-References
-----------
 J. A. Hausman, Econometrica 46, 1251 (1978), for the test of two relaxations.
 """
 

@@ -1,7 +1,4 @@
-"""Options of a maximum-likelihood fit, and how users type those that `identify` and `discover` share.
-
-What is known beforehand of the errors of sensors: what the records state, and what the user asks for.
-"""
+"""What a maximum-likelihood fit is asked for: its options, and the errors of sensors that users or records state."""
 
 from __future__ import annotations
 

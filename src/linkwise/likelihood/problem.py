@@ -1,10 +1,7 @@
 """The multiple-shooting problem of some records: segments with sufficiently small steps, start and scales.
 
-The memory that a fit takes, asked for before the work.
-
-Sensors of several records: their noise, and what is unknown of them.
-
-Whether anything sets the scale of forces: the motion alone tells only ratios of masses and coefficients.
+Before the work it asks for the memory that a fit takes, and whether anything sets the scale of forces: the motion alone tells
+only ratios of masses and coefficients. Sensors of several records have noise and unknowns in common.
 """
 
 from __future__ import annotations

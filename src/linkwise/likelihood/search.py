@@ -1,20 +1,16 @@
-"""The search for an optimum: annealing from a start, and through gaps of the records.
+"""The search for an optimum: annealing, also through gaps, from better states, and what explains the residuals at its end.
 
-What separate blocks of the records say of the unknowns: their scores and information, the states eliminated.
+States are better where, near the record, the laws allow them while their coefficients are held. Smoothing gives poor rates of
+a fast motion of few samples, and states that are far from any motion of the structure lead a search for states and
+coefficients together astray. With coefficients that are roughly right the states alone are found safely. Residuals are
+explained by the noise that was expected, coloured noise of sensors, or a model error.
 
-Around an optimum each block b of segments pulls the unknowns by its score g_b (p,), with the information H_b (p, p), where
-the states follow the unknowns as the whole record determines. The scores of all blocks sum to zero at the optimum. Where
-the error of a law moves with the motion, they scatter more than the information says, which white noise would not do: the
-variance of an unknown is then that of the estimates with one block left out (jackknife over blocks), as in the covariance of
-White (1982) and its form for clustered data (Bell and McCaffrey, Survey Methodology 28, 2002).
-
-Better states to start from: the motion near the record that the laws allow while their coefficients are held.
-
-Smoothing gives poor rates of a fast motion of few samples, and states that are far from any motion of the structure lead
-a search for states and coefficients together astray. With coefficients that are roughly right the states alone are found
-safely.
-
-What explains the residuals of a fit: the noise that was expected, coloured noise of sensors, or a model error.
+What separate blocks of the records say of the unknowns (`BlockScores`) is found at the optimum. Around an optimum each block b
+of segments pulls the unknowns by its score g_b (p,), with the information H_b (p, p), where the states follow the unknowns as
+the whole record determines. The scores of all blocks sum to zero at the optimum. Where the error of a law moves with the
+motion, they scatter more than the information says, which white noise would not do: the variance of an unknown is then that of
+the estimates with one block left out (jackknife over blocks), as in the covariance of White (1982) and its form for clustered
+data (Bell and McCaffrey, Survey Methodology 28, 2002).
 """
 
 from __future__ import annotations
@@ -27,12 +23,11 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.coloured_noise import ColouredNoise, with_coloured_noise
 from linkwise.likelihood.marginal import did_not_converge, is_long, relaxation, search_long_record
 from linkwise.likelihood.noise import (
-    ColouredNoise,
     ModelErrorCandidate,
     lag_one_autocorrelation,
-    with_coloured_noise,
     with_model_error,
     with_noise_from_misfit,
     with_noise_of_residuals,

@@ -28,7 +28,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
-from linkwise.modal.measured import MeasuredRun, ModalMeasurement
+from linkwise.modal.measurement import MeasuredRun, ModalMeasurement
 from linkwise.modal.oscillators import Complex, ComplexModes, pole
 from linkwise.modal.pursuit import LinearProblem, PursuedModes, least_squares
 from linkwise.progress import Progress, ProgressReport, part, silent

@@ -30,7 +30,7 @@ import scipy
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
-from linkwise.modal.measured import MeasuredRun, ModalMeasurement
+from linkwise.modal.measurement import MeasuredRun, ModalMeasurement
 from linkwise.progress import Progress, ProgressReport
 
 _FIRST_DAMPED, _LEAST_DAMPED, _MOST_DAMPED = 1e-4, 1e-9, 1e12  # of steps, as a part of the curvature

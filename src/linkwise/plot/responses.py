@@ -16,7 +16,7 @@ from linkwise.plot.style import SERIES, axes_for, label, not_shown, place_of, sc
 from linkwise.records.channel_units import unit_in
 from linkwise.response.backbone import Backbone
 from linkwise.response.basins_of_attraction import Basins
-from linkwise.response.measured import MeasuredPoints
+from linkwise.response.measured_points import MeasuredPoints
 from linkwise.response.result import FOLD, Branch, Response, ResponseLevel
 
 _MOST = 6  # channels in a figure

@@ -27,7 +27,7 @@ from linkwise.estimates.curves import GRID, fitted_channels, has_loop
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
-from linkwise.likelihood.noise import whiteness_text
+from linkwise.likelihood.whiteness import whiteness_text
 from linkwise.model.structure_file import format_structure
 from linkwise.output import COMPARISON
 from linkwise.plot import style

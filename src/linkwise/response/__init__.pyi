@@ -3,7 +3,7 @@
 from linkwise.response.backbone import Backbone as Backbone
 from linkwise.response.basins_of_attraction import Basins as Basins
 from linkwise.response.basins_of_attraction import basins as basins
-from linkwise.response.measured import MeasuredPoints as MeasuredPoints
+from linkwise.response.measured_points import MeasuredPoints as MeasuredPoints
 from linkwise.response.options import Drive as Drive
 from linkwise.response.options import ResponseOptions as ResponseOptions
 from linkwise.response.result import Branch as Branch

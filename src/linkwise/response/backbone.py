@@ -22,7 +22,7 @@ from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.response.bands import drawn_structures, spread
 from linkwise.response.continuation import Point, follow, locate, solve, turned
-from linkwise.response.measured import MeasuredPoints, decay_points
+from linkwise.response.measured_points import MeasuredPoints, decay_points
 from linkwise.response.modal_motion import FreeMotion, ModalMotion, PhaseResonance
 from linkwise.response.options import FORCE, Answer, AskedStructure, Drive, shown_channels
 from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows

@@ -17,7 +17,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
-from linkwise.response.measured import MeasuredPoints, steady_points
+from linkwise.response.measured_points import MeasuredPoints, steady_points
 from linkwise.response.options import Drive
 from linkwise.verdict import UNGRADED, Basis, Verdict
 

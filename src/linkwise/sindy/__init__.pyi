@@ -3,10 +3,10 @@
 from linkwise.signals.states import States as States
 from linkwise.signals.states import differentiate as differentiate
 from linkwise.sindy.conventions import CONVENTIONS as CONVENTIONS
+from linkwise.sindy.conventions import READINGS as READINGS
+from linkwise.sindy.conventions import monomial_force as monomial_force
+from linkwise.sindy.conventions import monomial_nmse as monomial_nmse
 from linkwise.sindy.conventions import noisy_states as noisy_states
-from linkwise.sindy.force_reading import READINGS as READINGS
-from linkwise.sindy.force_reading import monomial_force as monomial_force
-from linkwise.sindy.force_reading import monomial_nmse as monomial_nmse
 from linkwise.sindy.library import link_columns as link_columns
 from linkwise.sindy.library import monomial_equations as monomial_equations
 from linkwise.sindy.regression.linear_system import DenseSystem as DenseSystem

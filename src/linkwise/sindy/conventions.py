@@ -1,21 +1,36 @@
-"""Noise conventions of a numerical study: which quantities carry noise and how the derivatives are formed.
+"""What the paper leaves open of its method, each choice by name: where a study puts its noise, and how a force is read.
 
-The paper does not state either, and its Table 2 depends on both. Each convention turns the same noise-free record into the
-states that a regression uses. They differ by orders of magnitude: differentiating a noisy displacement twice multiplies the
-noise by the square of the sampling rate, noise in the columns of a library biases the coefficients in proportion to its
-variance (errors in variables), and noise in the derivatives alone averages out.
+Conventions say which quantities carry noise and how the derivatives are formed. The paper does not state either, and its Table
+2 depends on both. Each convention turns the same noise-free record into the states that a regression uses. They differ by
+orders of magnitude: differentiating a noisy displacement twice multiplies the noise by the square of the sampling rate, noise
+in the columns of a library biases the coefficients in proportion to its variance (errors in variables), and noise in the
+derivatives alone averages out.
+
+Readings find the stiffness force of a link in a fit in monomials of all states, which has no links, and its error (the paper's
+Eq. 8). The paper says "select the identified parameters and then reconstruct the nonlinear stiffness" (section 3, step 7)
+without saying which; a `Reading` is one interpretation. All of them use the equation of the mass that carries this link alone
+(a sink), m x'' = -f, where no other force acts.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
+from itertools import count
 from typing import Literal, get_args
 
 import numpy as np
 
-from linkwise.errors import RecordError
+from linkwise.arrays import Floats
+from linkwise.errors import IdentificationError, RecordError
+from linkwise.estimates.curves import force_error
+from linkwise.expression import polynomial
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.states import States, differentiate
+from linkwise.sindy.library import Monomials, tags
+from linkwise.sindy.regression.regressor import RegressionFit
 
 Convention = Literal["displacement", "states", "differenced", "derivatives"]
 
@@ -111,3 +126,156 @@ def _require_clean(record: Record) -> None:
                     'simulate with sensors=("x", "v", "a")',
                     channel=f"{kind}:{mass}",
                 )
+
+
+Reading = Literal["coefficients", "ends", "displacements"]
+
+READINGS: tuple[Reading, ...] = get_args(Reading)
+"""How `monomial_force` can read the force of a link from a monomial model."""
+
+
+def monomial_force(
+    fit: RegressionFit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
+) -> tuple[Floats, Floats]:
+    """Stiffness force of a link that a monomial model implies, along the motion of a simulated record.
+
+    Parameters
+    ----------
+    fit : RegressionFit
+        A fit of `monomial_equations` for the masses of `record`.
+    structure : Structure
+        Gives the mass and the powers of the law.
+    link : str
+        Name of the link; one of its ends must be a mass that carries no other link.
+    record : Record
+        A simulated record without noise.
+    reading : {"coefficients", "ends", "displacements"}, optional
+        "coefficients": the powers of d in the law, each with the coefficient of that power of the sink's displacement (alpha
+        from x2, beta from x2**3); terms in other displacements are ignored. "ends": all monomials in the displacements of the
+        two ends of the link. "displacements": all monomials in the displacements of all masses.
+
+    Returns
+    -------
+    elongation : array of shape (N,)
+        Elongation of the link in m.
+    force : array of shape (N,)
+        Stiffness force in N.
+
+    Raises
+    ------
+    IdentificationError
+        If neither end of the link is a mass that carries no other link, the fit lacks the equation of that mass or a power of
+        the law, or the reading is unknown.
+    RecordError
+        If the record was not simulated.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+    >>> fit = lw.sindy.LeastSquares().fit(lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=3))
+    >>> elongation, force = lw.sindy.monomial_force(fit, chain, "nes1", record)
+    >>> force.shape
+    (2001,)
+    """
+    if reading not in READINGS:
+        raise IdentificationError(f"unknown reading {reading!r}; choose from {', '.join(READINGS)}")
+    if record.simulated is None:
+        message = "the true motion of a link is known for a simulated record only; this one was measured"
+        raise RecordError(message)
+    chosen, truth = structure.link(link), record.simulated
+    sink = _sink(structure, chosen)
+    named = {mass: f"x{tag}" for mass, tag in zip(record.masses, tags(record.masses), strict=True)}
+    terms = fit.terms(f"{named[sink]}''")
+    d = structure.elongations(truth.displacement, truth.base)[:, structure.links.index(chosen)]
+    sign = 1.0 if sink == chosen.between[0] else -1.0
+    if reading == "coefficients":
+        powers = _powers(chosen)
+        names = [named[sink] + (f"**{power}" if power > 1 else "") for power in powers]
+        absent = [name for name in names if name not in fit.names]
+        if absent:
+            raise IdentificationError(
+                f"the law {chosen.law.text} of link {link} needs a column {absent[0]}, which the fit's library lacks; use a "
+                "higher order"
+            )
+        columns = (sign * d[:, None]) ** np.array(powers)
+    else:
+        masses = [mass for mass in record.masses if reading == "displacements" or mass in chosen.between]
+        library = Monomials(tuple(named[mass] for mass in masses), _order(fit, named[sink]))
+        names, at = list(library.names), [truth.structure.mass_names.index(mass) for mass in masses]
+        columns = library.evaluate(truth.displacement[:, at])
+    # A constant force, such as a weight, is not a stiffness force: the constant column is left out.
+    values = np.array([0.0 if name == "1" else terms.get(name, 0.0) for name in names])
+    return d, np.asarray(-sign * structure.mass_values[structure.mass_names.index(sink)] * (columns @ values))
+
+
+def monomial_nmse(
+    fit: RegressionFit, structure: Structure, link: str, record: Record, *, reading: Reading = "coefficients"
+) -> float:
+    """Normalised mean square error in % of the stiffness force that a monomial model implies (the paper's Eq. 8).
+
+    Parameters
+    ----------
+    fit : RegressionFit
+        A fit of `monomial_equations` for the masses of `record`.
+    structure : Structure
+        The true structure.
+    link : str
+        Name of the link.
+    record : Record
+        A simulated record without noise.
+    reading : {"coefficients", "ends", "displacements"}, optional
+        As in `monomial_force`.
+
+    Returns
+    -------
+    float
+        100 mean((f - f_fit)^2) / var(f) along the motion, in %.
+
+    Raises
+    ------
+    IdentificationError
+        As `monomial_force`.
+    RecordError
+        If the record was not simulated or the true force is constant.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
+    >>> fit = lw.sindy.LeastSquares().fit(lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=3))
+    >>> lw.sindy.monomial_nmse(fit, chain, "nes1", record) < 1e-12
+    True
+    """
+    d, identified = monomial_force(fit, structure, link, record, reading=reading)
+    return force_error(structure.link(link).force(d), identified, link)
+
+
+def _sink(structure: Structure, link: Link) -> str:
+    """The end of the link that carries no other link."""
+    carried = Counter(end for one in structure.links for end in one.between)
+    for end in link.between:
+        if end in structure.mass_names and carried[end] == 1:
+            return end
+    raise IdentificationError(
+        f"both ends of link {link.name} carry other links, so no equation of a monomial model contains its force alone; "
+        "choose a link with a free end, or fit the columns of `link_columns`"
+    )
+
+
+def _powers(link: Link) -> list[int]:
+    """The powers of d in the law at v = 0, the constant left out. Raises IdentificationError for another law."""
+    monomials = polynomial(link.law.elastic, ("d",))
+    if monomials is None:
+        raise IdentificationError(
+            f"the law {link.law.text} of link {link.name} is not a polynomial in d, so no monomials represent it; use "
+            'reading="displacements"'
+        )
+    return sorted(power for (power,) in monomials if power)
+
+
+def _order(fit: RegressionFit, variable: str) -> int:
+    """The highest power of a variable in the fit's library."""
+    return next(k for k in count(2) if f"{variable}**{k}" not in fit.names) - 1

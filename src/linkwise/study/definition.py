@@ -24,8 +24,15 @@ from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import parse_structure, read_structure
 from linkwise.model.toml import decode, parse_toml, read_toml_text
-from linkwise.study.methods import DiscoveryMethod, LinkByLink, PhysicsInformedMethod, StudyMethod
-from linkwise.study.sindy_methods import MonomialMethod, PySindyMethod, SindyMethod
+from linkwise.study.methods import (
+    DiscoveryMethod,
+    LinkByLink,
+    MonomialMethod,
+    PhysicsInformedMethod,
+    PySindyMethod,
+    SindyMethod,
+    StudyMethod,
+)
 from linkwise.study.subject import Case, Subject, study_errors_at
 
 _LEAST = {"first_seed": 0, "cycles": 1, "quick": 1}  # of whole numbers

@@ -10,7 +10,7 @@ from structures import CANTILEVER, host, structure
 from tapped_beam import SHAPES, beam, shaken, tapped
 
 import linkwise as lw
-from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.measurement import ModalMeasurement
 
 
 def errors(host: lw.Host) -> np.ndarray:

@@ -17,7 +17,7 @@ from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit, motion_of_links
-from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.measurement import ModalMeasurement
 from linkwise.modal.pursuit import Projection, best_addition
 from linkwise.model.host import Host
 from linkwise.model.structure import Structure

@@ -24,7 +24,7 @@ from linkwise.inspection.inspect import inspect, without_copies
 from linkwise.inspection.samples import rails
 from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.noise import is_white
+from linkwise.likelihood.whiteness import is_white
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.progress import silent

@@ -15,7 +15,6 @@ from linkwise.likelihood.checks.judgement import AS_NOISE, LARGEST_SHIFT, LARGES
 from linkwise.likelihood.checks.jumps import event_between, moment
 from linkwise.likelihood.checks.usual_terms import asymmetry, doubt, scatter_of_blocks
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.noise import is_coloured
 from linkwise.likelihood.optima.hidden_wells import about_another_rest
 from linkwise.likelihood.optima.other_optima import (
     is_loosened,
@@ -34,6 +33,7 @@ from linkwise.likelihood.tests.variances import (
     for_noise_of_inputs,
     input_kicks,
 )
+from linkwise.likelihood.whiteness import is_coloured
 from linkwise.likelihood.widened import dissipates
 from linkwise.model.coefficient import MASS
 from linkwise.signals.noise import outliers_exceed_noise

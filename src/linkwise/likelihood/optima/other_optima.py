@@ -1,36 +1,33 @@
-"""Search for other optima near that of a fit: a second search, and the cost a few standard errors away.
+"""Where the likelihood has other optima than that of a fit: chaotic motion, low signals, faint links and faint modes.
 
-The likelihood of chaotic motion or of noisy records has many local optima. A search of many steps indicates them; one of few
-steps is trusted.
+The likelihood of chaotic motion or of noisy records has many local optima. A search of many steps indicates them, and a second
+search, or the cost a few standard errors away, finds one; a search of few steps is trusted.
 
-Exact laws at a low signal: how closely the motion is held to them, so that the likelihood has one optimum.
+At a low signal exact laws are held as closely as leaves the likelihood one optimum. The closer the motion must follow the
+laws, the longer each sample says something of the parameters. Where neighbouring motions part, noise then leaves the
+likelihood with many narrow optima. A search that tightens the links between segments quickly ends in one that is not the
+highest, and the curvature there says nothing of the distance to the others. With looser links the motion forgets before that
+happens, and the likelihood has one optimum. From there the links are tightened slowly, with -2 log of the marginal likelihood
+at each relaxation: it falls towards exact laws in the right valley and rises in a wrong one. Where the tightest links leave no
+quadratic likelihood, the tightest that do are kept, if the likelihood also falls by enough along the profile of each
+parameter; their covariance takes the loosened links for noise, and is on the safe side.
 
-The closer the motion must follow the laws, the longer each sample says something of the parameters. Where neighbouring
-motions part, noise then leaves the likelihood with many narrow optima. A search that tightens the links between segments
-quickly ends in one that is not the highest, and the curvature there says nothing of the distance to the others. With looser
-links the motion forgets before that happens, and the likelihood has one optimum. From there the links are tightened slowly,
-with -2 log of the marginal likelihood at each relaxation: it falls towards exact laws in the right valley and rises in a wrong
-one. Where the tightest links leave no quadratic likelihood, the tightest that do are kept, if the likelihood also falls by
-enough along the profile of each parameter; their covariance takes the loosened links for noise, and is on the safe side.
+The coefficients of links whose elongation hardly stands above the noise may not be determined far from the estimates. The
+frequency of a faint vibration is like the peak of a periodogram: its phase, followed through the whole record, makes the peak
+narrow, and other peaks are as high. What the curvature promises at a distance, the likelihood then does not keep: it cannot
+rise by more than twice the energy of the elongation over that of the noise, and by no more than that energy to where the link
+is rigid. Only vibration of its own counts: what the links beside it force upon a link follows them, whatever its stiffness,
+and may stand far above the noise.
+
+Of frequencies and damping of modes that a record hardly shows the curvature of the likelihood says too much: that of a
+frequency is a peak of a periodogram, quadratic only within a part of its width. A mode that noise hides has other peaks within
+what is known of it beforehand, about as likely as that which is found, and takes its damping from the width of the one that it
+ends at.
 
 References
 ----------
 V. F. Pisarenko and D. Sornette, "Statistical methods of parameter estimation for deterministically chaotic time series",
 Phys. Rev. E 69, 036122 (2004).
-
-Links whose elongation hardly stands above the noise: whether their coefficients are determined far from the estimates.
-
-The frequency of a faint vibration is like the peak of a periodogram: its phase, followed through the whole record, makes the
-peak narrow, and other peaks are as high. What the curvature promises at a distance, the likelihood then does not keep: it
-cannot rise by more than twice the energy of the elongation over that of the noise, and by no more than that energy to where
-the link is rigid. Only vibration of its own counts: what the links beside it force upon a link follows them, whatever its
-stiffness, and may stand far above the noise.
-
-Frequencies and damping of modes that a record hardly shows: the curvature of the likelihood says too much of them.
-
-The likelihood of a frequency is that of a peak of a periodogram: quadratic only within a part of its width. A mode that noise
-hides has other peaks within what is known of it beforehand, about as likely as that which is found, and takes its damping from
-the width of the one that it ends at.
 """
 
 from __future__ import annotations

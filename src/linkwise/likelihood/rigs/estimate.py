@@ -1,12 +1,10 @@
 """Maximum likelihood for links alone on a rig: from records of motion and force to an estimate.
 
-The most likely unknowns are those of least squares, from starts that a regression along the motion finds.
-
-The scatter of the sums that the minimum sets to zero comes from the noise of the load cells, which is white; from that of the
-displacement, which smoothing correlates; and, where the laws are wrong, from what they leave, which follows the motion: its
-sums are compared between parts of the records, as beside masses.
-
-What may be wrong beside noise is tested by its score: zero errors, a delay, and terms that a law lacks.
+The most likely unknowns are those of least squares, from starts that a regression along the motion finds. The scatter of the
+sums that the minimum sets to zero comes from the noise of the load cells, which is white; from that of the displacement, which
+smoothing correlates; and, where the laws are wrong, from what they leave, which follows the motion: its sums are compared
+between parts of the records, as beside masses. What may be wrong beside noise is tested by its score: zero errors, a delay,
+and terms that a law lacks.
 """
 
 from __future__ import annotations

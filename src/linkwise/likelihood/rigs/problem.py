@@ -1,9 +1,8 @@
 """What is to be found on a rig: the unknowns of its links and sensors, and the forces of links along recorded motions, with
 residuals of the load cells and their derivatives by the unknowns.
 
-Records of a rig must hold the displacement of the base, and the force in each link that has unknowns.
-
-The recorded motion is a smoothing spline: values between samples, and what its noise does to them.
+Records of a rig must hold the displacement of the base, and the force in each link that has unknowns. The
+recorded motion is a smoothing spline: values between samples, and what its noise does to them.
 """
 
 from __future__ import annotations

@@ -6,9 +6,7 @@ stages have their abscissae at the five Lobatto points of the step, so inputs ar
 and 10 are accurate states at its start, middle and end, along which Nystroem's method of order 4 carries sensitivities.
 
 What a late sensor shows of the fitted motion is the polynomial of degree 11 that agrees with displacement, velocity and
-acceleration at four samples around. Known signals with an unknown delay (applied forces, motion of a base) are polynomials in
-the delay through Chebyshev's points: to first order alone a delay of half a sample would leave an eighth of a signal at a
-sixth of the sampling rate.
+acceleration at four samples around.
 
 References
 ----------
@@ -17,15 +15,15 @@ G. J. Cooper and J. H. Verner, SIAM J. Numer. Anal. 9, 389 (1972).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.shooting.delay_polynomials import value_and_slope
 from linkwise.likelihood.shooting.system import NumericSystem
-from linkwise.model.excitation import Sampled
 from linkwise.records.channel import BASE, Channel
 
 _s = np.sqrt(21.0)
@@ -170,7 +168,7 @@ class UncertainForces:
         """(J, 5, f, K) the forces in N at gains (g,) and delays (l,) in s, and their rates; straight on beyond `unit`."""
         factors = np.append(gains, 1.0)[self.gains, None]
         late = np.append(delays, 0.0)[self.delays, None] / self.unit
-        value, slope = _at_delay(self.coefficients, late)
+        value, slope = value_and_slope(self.coefficients, late)
         return value / factors, slope / (self.unit * factors)
 
     def on_masses(self, acting: Floats) -> Floats:
@@ -549,8 +547,6 @@ def _add_base(
 
 
 _POINTS = 4  # samples of a polynomial: before a segment, fewer would leave more of accelerations at a third of the rate
-LARGEST = 1.5
-"""Delay in samples up to which the polynomials hold; the records are shifted by whole samples for more."""
 
 
 def late_motion(
@@ -592,71 +588,3 @@ def _through(points: int) -> Floats:
             factor = np.prod([degrees - lower for lower in range(order)], axis=0)
             rows.append(factor * float(place) ** np.maximum(degrees - order, 0))
     return np.asarray(np.linalg.solve(np.array(rows, dtype=float), np.eye(3 * points)))
-
-
-_BASE_POINTS = (
-    9  # odd, so that one of them is no delay; 1e-4 of a signal at 0.29 of the sampling rate is left
-)
-EDGE = 3
-"""Samples at both ends of a record that late sensors cannot use, as the base a delay earlier or later was not recorded."""
-
-
-def at_delays(signal: Sampled, time: Floats, largest: float) -> Floats:
-    """(P, ...) a signal at times (...) that are late by Chebyshev's points of delay, ascending, up to the `largest` in s, a
-    negative one where the signal is late; beyond its ends it runs straight on.
-    """
-    return np.stack([straight_on(signal, time - place * largest) for place in places_of_delays()])
-
-
-def straight_on(signal: Sampled, time: Floats) -> Floats:
-    """A signal from 0 s on at some times, beyond its ends by its slopes there."""
-    inside = np.clip(time, 0.0, signal.end)
-    value, beyond = signal.value(inside), time != inside
-    value[beyond] += signal.derivative(inside[beyond]) * (time[beyond] - inside[beyond])
-    return value
-
-
-def places_of_delays() -> Floats:
-    """(P,) Chebyshev's points between -1 and 1, ascending; the middle one is 0."""
-    places = np.cos(np.pi * (2 * np.arange(_BASE_POINTS)[::-1] + 1) / (2 * _BASE_POINTS))
-    places[_BASE_POINTS // 2] = 0.0
-    return np.asarray(places)
-
-
-def powers_through(values: Floats) -> Floats:
-    """Coefficients of powers of the delay over its largest, constant first, of `values` (P, ...) at Chebyshev's points."""
-    powers = np.vander(places_of_delays(), increasing=True)
-    coefficients = np.linalg.solve(powers, values.reshape(len(values), -1))
-    return np.asarray(coefficients).reshape(values.shape)
-
-
-def _at_delay(coefficients: Sequence[Floats] | Floats, late: Floats) -> tuple[Floats, Floats]:
-    """The value and the slope of polynomials in the delay over the largest one, straight on beyond that."""
-    place = np.clip(late, -1.0, 1.0)
-    value, slope = np.zeros_like(coefficients[0]), np.zeros_like(coefficients[0])
-    for row in coefficients[::-1]:
-        slope = slope * place + value
-        value = value * place + row
-    return value + slope * (late - place), slope
-
-
-@dataclass(frozen=True, eq=False)
-class LateBase:
-    """Polynomials in the delay of what `channels` show of moving coordinates.
-
-    `coefficients` (P, M, L, K) of powers of the delay over its largest, constant first; `step` (K,) of the samples in s.
-    """
-
-    channels: tuple[int, ...]
-    coefficients: Floats
-    step: Floats
-
-    def chosen(self, which: Indices) -> LateBase:
-        """Those of some of the segments."""
-        return replace(self, coefficients=self.coefficients[..., which], step=self.step[which])
-
-    def at(self, channel: int, delay: float, part: slice = slice(None)) -> tuple[Floats, Floats]:
-        """(M, k) what a channel shows that is `delay` s late, and its rate; straight on beyond the largest delay."""
-        unit = LARGEST * self.step[part]
-        value, slope = _at_delay(self.coefficients[:, :, self.channels.index(channel), part], delay / unit)
-        return value, -slope / unit

@@ -29,7 +29,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.flow import LARGEST
+from linkwise.likelihood.shooting.delay_polynomials import LARGEST
 from linkwise.likelihood.shooting.linear_model import LocalRows, Neighbourhood, groups_at, local_linearization
 from linkwise.likelihood.shooting.normal_equations import (
     BorderedFactor,

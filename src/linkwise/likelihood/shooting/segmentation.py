@@ -15,16 +15,8 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.flow import (
-    EDGE,
-    LARGEST,
-    POINTS,
-    Inputs,
-    LateBase,
-    UncertainForces,
-    at_delays,
-    powers_through,
-)
+from linkwise.likelihood.shooting.delay_polynomials import EDGE, LARGEST, LateBase, at_delays, powers_through
+from linkwise.likelihood.shooting.flow import POINTS, Inputs, UncertainForces
 from linkwise.likelihood.shooting.segments import A, ClippedReadings, F, S, Segments, Sensors, V, X
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import FIRST_POINT, Structure

@@ -33,7 +33,8 @@ import scipy
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.flow import Inputs, LateBase, Trajectories, flow, late_motion
+from linkwise.likelihood.shooting.delay_polynomials import LateBase
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow, late_motion
 from linkwise.likelihood.shooting.system import NumericSystem, System
 from linkwise.records.record import Record
 

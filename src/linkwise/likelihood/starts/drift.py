@@ -4,16 +4,10 @@ Accelerations of all masses give the force of every link by B f = w - M a if the
 known from displacements, up to a constant from velocities, and up to a line from accelerations; the latter two drift with the
 integrated noise.
 
-Short windows of a link, and lines that may be added to its elongation in each.
-
-In a window the elongation is d(t) = D(t) + o + s t, with D integrated from a velocity (s = 0) or an acceleration, and the law
-must give the measured force. A law that is not monotone has several solutions at one moment; a whole window excludes most of
-them.
-
-Elongations from forces, where they are known up to drift: Viterbi paths through candidates.
-
-Each short window has a few candidates (`DriftWindows`). From window to window the drift is a random walk driven by the noise,
-so the Viterbi algorithm finds the most likely sequence of candidates.
+That drift follows from the law in short windows, in each of which the elongation is d(t) = D(t) + o + s t, with D integrated
+from a velocity (s = 0) or an acceleration, and the law must give the measured force. A law that is not monotone has several
+solutions at one moment; a whole window excludes most of them and leaves a few candidates (`DriftWindows`). From window to
+window the drift is a random walk driven by the noise, so the Viterbi algorithm finds the most likely sequence of candidates.
 
 References
 ----------

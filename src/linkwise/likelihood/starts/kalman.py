@@ -4,13 +4,13 @@ After the first samples the covariance is the steady one, of the algebraic Ricca
 runs an adjoint backwards through the filter's own closed loop, which is stable, and divides by no covariance of a state, which
 sinks to rounding where little is random.
 
+Unknown frequencies and damping of modes are those with which the filter predicts the samples best (`tuned_modes`), and starts
+of linear links those with which a structure is stable: noise gives springs and dampers of either sign, and of any size.
+
 References
 ----------
 A. E. Bryson and M. Frazier, Smoothing for linear and nonlinear dynamic systems, TDR 63-119, Wright-Patterson AFB (1963).
 P. de Jong, J. Am. Stat. Assoc. 84, 1085 (1989).
-
-Unknown frequencies and damping of modes are those with which the filter predicts the samples best (`tuned_modes`), and starts
-of linear links those with which a structure is stable: noise gives springs and dampers of either sign, and of any size.
 """
 
 from __future__ import annotations

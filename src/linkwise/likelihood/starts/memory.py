@@ -5,20 +5,15 @@ of a load cell is compared with its law. Along the smoothed motion the states fo
 rest of the coefficients, and unknown masses, are then a linear regression (variable projection). The cost may have several
 minima: it is searched from many starts of the sizes that the units of the coefficients and the motion imply.
 
-Random starting values of the sizes that units and motion imply.
+Where inverse dynamics gives the force of each link, one link is searched after another. Elongations are known up to drift only
+where velocities or accelerations were measured. A filter that takes the drift away takes slow motion with it, which a state
+may need. The force of a link tells which filter is best: each link is searched as if it stood on a rig, with several filters
+of its motion, and those that leave least of the force are kept. Slow parts of the forces, which the filtered motion lacks, are
+left out.
 
-Starting values of links with memory, one link after another, where inverse dynamics gives the force of each.
-
-Elongations are known up to drift only where velocities or accelerations were measured. A filter that takes the drift away
-takes slow motion with it, which a state may need. The force of a link tells which filter is best: each link is searched as if
-it stood on a rig, with several filters of its motion, and those that leave least of the force are kept. Slow parts of the
-forces, which the filtered motion lacks, are left out.
-
-Starting values of structures with hosts whose links have memory.
-
-The smoother of `hosts` gives the elongation and the force of every link whose law is not known. Along these the links are
-identified as if they stood on a rig (`memory`), together. Of several records the one that moves most is used: at a low level a
-joint hardly slips.
+Beside hosts the smoother of `kalman` gives the elongation and the force of every link whose law is not known. Along these the
+links are identified as if they stood on a rig, together. Of several records the one that moves most is used: at a
+low level a joint hardly slips.
 """
 
 from __future__ import annotations

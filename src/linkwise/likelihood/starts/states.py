@@ -1,9 +1,8 @@
 """Starting states of annealing at the nodes, and the scales of defects.
 
-Displacements are smoothed and differentiated, velocities smoothed and integrated once, accelerations twice, and the drift
-of the integrals is removed. A mass without a sensor starts at rest.
-
-Motion of masses that no sensor shows, from measured states of links: a voltage gives the rate of its link.
+Displacements are smoothed and differentiated, velocities smoothed and integrated once, accelerations twice, and the drift of
+the integrals is removed. A mass without a sensor starts at rest, or with the motion that a measured state of its link gives: a
+voltage gives the rate.
 """
 
 from __future__ import annotations

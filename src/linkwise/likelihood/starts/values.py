@@ -1,24 +1,20 @@
-"""Starting values of the parameters for a likelihood fit.
+"""Starting values of the parameters for a likelihood fit: by the weak form, from forces of links, or beside hosts.
 
-Starting values of coefficients from forces, where elongations are known up to drift.
+Where elongations are known up to drift, a law is fitted to the forces of all windows together, while a line may be added to
+the elongation in each window. A first guess comes from high-pass filtered elongations, for which the law is linear in its
+coefficients. Then each window finds its best line under the law by grid search, and the law is corrected with the lines
+eliminated (variable projection), by windows that leave no more than others. Where the best about d = 0 leaves more than noise,
+as springs of two wells in one of which the link moves, one about a place of rest far from there competes.
 
-A law is fitted to the forces of all windows together, while a line may be added to the elongation in each window. A first
-guess comes from high-pass filtered elongations, for which the law is linear in its coefficients. Then each window finds its
-best line under the law by grid search, and the law is corrected with the lines eliminated (variable projection), by windows
-that leave no more than others. Where the best about d = 0 leaves more than noise, as springs of two wells in one of which the
-link moves, one about a place of rest far from there competes.
+The linear part of a structure with hosts is a known filter, the forces of its links are inputs. Modes and links whose law is
+linear with numbers for its coefficients make a linear system. The other links exert forces that are random walks, once
+integrated; a Kalman smoother finds the motion and these forces together. Laws follow from forces and elongations; an
+elongation that no sensor determines is known up to drift, as in `drift`; rigid motions that nothing holds, and whose place no
+sensor tells, are refused.
 
 References
 ----------
 G. H. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 413 (1973).
-
-Rigid motions of hosts that nothing holds, and whose place no sensor tells.
-
-Starting states and values of structures with hosts: the linear part is a known filter, the forces of links its inputs.
-
-Modes and links whose law is linear with numbers for its coefficients make a linear system. The other links exert forces that
-are random walks, once integrated; a Kalman smoother finds the motion and these forces together. Laws follow from forces and
-elongations; an elongation that no sensor determines is known up to drift, as in `drift`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,21 @@
-"""The score of the variance of something random, from draws of what is there without it.
+"""Scores of the variance of something random, from draws of what is there without it: ambient forces, and noise of inputs.
 
 Slopes of half the cost by what is random have a covariance under the rest of the noise. Their sum of squares has a mean and a
 scatter that draws of that noise give; its excess is the score of the variance. Variances that were found from the same
 residuals leave less of it: what their own scores explain of it is subtracted (the efficient score).
+
+Ambient forces are taken to be white and independent of each other, which is tested. Laws take up what forces differ by from
+white ones: behind a wind that falls off with the frequency a damper comes out three times as large, and each stiffness by tens
+of its standard errors too small. The slopes of the cost by the forces have a spectrum that draws of white and independent
+forces give, with states and coefficients following. In the band in which the structure moves, the spectrum of the record must
+be the same multiple of it everywhere, and the forces on two masses must have no more in common than their draws. Beyond that
+band forces hardly matter to the laws, and are seldom white.
+
+Residuals of exact laws show noise of an input that nobody stated. It kicks the masses, and the structure rings where it
+resonates. There are few residuals in a band so narrow, and they hardly stand out among all, but they are the ones that a
+damping is judged by. The multiplier of each defect is the slope of the cost by a kick there. Under noise of sensors alone the
+sum of squares of these slopes has a mean and a scatter that draws of such noise give, with states and coefficients following;
+its excess is the score of the variance of the kicks.
 
 References
 ----------
@@ -10,24 +23,7 @@ C. R. Rao, Proc. Camb. Phil. Soc. 44, 50 (1948), for score tests; X. Lin, Biomet
 
 E. S. Pearson, Biometrika 46, 364 (1959), for a sum of squares as a chi-square of the same three first moments.
 
-Whether ambient forces are white and independent of each other, as they are taken to be.
-
-Laws take up what forces differ by from white ones: behind a wind that falls off with the frequency a damper comes out three
-times as large, and each stiffness by tens of its standard errors too small. The slopes of the cost by the forces have a
-spectrum that draws of white and independent forces give, with states and coefficients following. In the band in which the
-structure moves, the spectrum of the record must be the same multiple of it everywhere, and the forces on two masses must have
-no more in common than their draws. Beyond that band forces hardly matter to the laws, and are seldom white.
-
-References
-----------
 P. Whittle, Ark. Mat. 2, 423 (1953), for the likelihood of a spectrum: its ordinates are independent and exponential.
-
-Noise of the channels of inputs, which nobody stated: whether the residuals of exact laws show it.
-
-Noise of an input kicks the masses, and the structure rings where it resonates. There are few residuals in a band so narrow,
-and they hardly stand out among all, but they are the ones that a damping is judged by. The multiplier of each defect is the
-slope of the cost by a kick there. Under noise of sensors alone the sum of squares of these slopes has a mean and a scatter
-that draws of such noise give, with states and coefficients following; its excess is the score of the variance of the kicks.
 """
 
 from __future__ import annotations
