@@ -90,6 +90,17 @@ class AnchoredSums:
         moved = dsymv(1.0, self.matrix, change, lower=1)
         return max(float(self.squares[target] + change @ (moved - 2 * self.slope[:, target])), 0.0)
 
+    def restricted(self, retained: Indices, change: Floats, target: int) -> AnchoredSums:
+        """Sums of k columns and one target, about an anchor that `change` (p,) takes to zero in the other columns."""
+        moved = dsymv(1.0, self.matrix, change, lower=1)
+        return AnchoredSums(
+            self.rows,
+            self.matrix[np.ix_(retained, retained)].T,  # symmetric, and so in Fortran order
+            (self.slope[:, target] - moved)[retained, None],
+            np.array([self.squares_at(change, target)]),
+            self.norms[target : target + 1],
+        )
+
 
 _RUNS = 100
 _ONE_IN = 5
@@ -283,7 +294,7 @@ class Gram:
     def solution(self, target: int) -> Solution:
         """Least squares of one target on all columns that are not zero throughout."""
         nothing, columns = np.zeros(0, dtype=np.intp), len(self.names)
-        # not of dependent columns
+        # not of dependent columns, nor of a restricted matrix, which no other target shares
         eliminated = _Eliminated(nothing, np.empty((0, columns)), np.empty((0, 0))) if self.factor else None
         return Solution(self, target, self.alive, np.zeros(columns), eliminated)
 
@@ -416,6 +427,21 @@ class Solution:
                 raise self._dependent(retained, block)
             diagonal[retained] = np.diagonal(dpotri(factor[0], lower=1)[0])
         return gram.unscaled(gram.unscaled(diagonal[:, None]))[:, 0]
+
+    def restricted(self) -> Gram:
+        """The Gram matrix of the support and this target alone: solving within it then costs no more than its size."""
+        gram, retained = self.gram, np.flatnonzero(self.support)
+        return Gram(
+            gram.system,
+            tuple(gram.names[column] for column in retained),
+            gram.sums.restricted(retained, self.change, self.target),
+            gram.moments[retained, self.target : self.target + 1],
+            gram.scale[retained],
+            np.ones(len(retained), dtype=bool),
+            self.scaled[retained, None],
+            None,
+            None if gram.held_out is None else gram.held_out.restricted(retained, self.change, self.target),
+        )
 
     def _dependent(self, retained: Indices, block: Floats) -> IdentificationError:
         if retained.size > self.gram.rows:

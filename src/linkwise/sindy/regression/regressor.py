@@ -401,10 +401,13 @@ def _shrunk(solution: Solution, threshold: float) -> Solution:
 
 def _threshold_path(training: Gram, target: int) -> Iterator[SupportCandidate]:
     """Supports of decreasing size, from all columns to none, as the threshold rises."""
-    solution, setting, norm = training.solution(target), 0.0, float(training.norms[target])
+    columns, solution = np.arange(len(training.names)), training.solution(target)
+    setting, norm = 0.0, float(training.norms[target])
     while True:
         candidate, scaled = score_support(solution, setting), solution.scaled
-        yield candidate
+        support = np.zeros(len(training.names), dtype=bool)
+        support[columns] = candidate.support
+        yield replace(candidate, support=support)
         if not candidate.terms or not norm:
             return
         ranked = np.argsort(np.abs(scaled), kind="stable")[-candidate.terms :]
@@ -414,6 +417,8 @@ def _threshold_path(training: Gram, target: int) -> Iterator[SupportCandidate]:
         remaining = candidate.support.copy()
         remaining[dropped] = False
         solution = solution.on(remaining)
+        if 0 < np.count_nonzero(remaining) < len(columns) / 2:
+            columns, solution = columns[remaining], solution.restricted().solution(0)
 
 
 def _step(terms: int) -> int:
