@@ -8,21 +8,21 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35635  # lines of all files of tests
+TESTS = 35643  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (11, 2177),
     "analysis": (4, 482),
     "cli": (21, 1840),
-    "discovery": (18, 3443),
-    "estimates": (8, 1453),
+    "discovery": (19, 3443),
+    "estimates": (8, 1455),
     "export": (9, 772),
     "expression": (6, 1068),
     "files": (14, 1941),
     "identification": (12, 2392),
     "inspection": (9, 1879),
-    "likelihood": (60, 13798),
+    "likelihood": (64, 13798),
     "modal": (5, 840),
     "model": (16, 2963),
     "paper": (3, 358),
@@ -33,9 +33,9 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "root": (11, 939),
     "signals": (6, 837),
     "simulation": (9, 1599),
-    "sindy": (9, 1036),
-    "study": (9, 1398),
-    "weak": (8, 1693),
+    "sindy": (8, 1063),
+    "study": (8, 1398),
+    "weak": (8, 1691),
 }
 
 

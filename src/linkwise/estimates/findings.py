@@ -44,6 +44,8 @@ def supplied_power(link: Link, free: Sequence[str], covariance: Floats, d: Float
     standard errors, by the `covariance` (q, q) of its `free` coefficients.
     """
     powers, slopes_in_time = _dissipated(link, free, d, v)
+    if not powers.size:
+        return None
     power, slopes = float(np.mean(powers)), np.mean(slopes_in_time, axis=1)
     deviation = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))
     return -power if deviation > 0.0 and power < -_SIGNIFICANT * deviation else None

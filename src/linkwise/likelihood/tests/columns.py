@@ -195,7 +195,7 @@ class TestedColumns:
         candidates, errors = None, None
         if forces:
             ends = np.array([places for _, *places, _ in forces])
-            along = np.stack([values for *_, values in forces], axis=1)
+            along = np.asarray(np.stack([values for *_, values in forces], axis=1), np.float32)
             candidates = CandidateForces(ends[:, 0], ends[:, 1], along)
         if samples:
             values = np.stack([values for *_, values in samples], axis=1)
