@@ -64,8 +64,7 @@ from linkwise.weak.estimate import weak_search
 from linkwise.weak.fit import WeakFit
 
 _PERIODS = 1.5  # length of a window: long enough to separate the coefficients
-# Hz, below which a first guess takes motion for drift: about d = 0, also that of slow structures, and about a place of rest
-_CUTOFFS = 10.0, 2.0
+_CUTOFFS = (2.0, 5.0, 10.0)  # Hz, below which a first guess treats motion as drift
 # deviations of the motion: about a place of rest so far from d = 0, as a well is, a law is a spring that bends to one side ...
 _FAR = 32.0
 _BEYOND = 1.5  # ... from where windows find places nearer to it, and a little further
@@ -121,11 +120,11 @@ def link_start(
         usual = np.inf if smooth else noise
         return _improved(windows, link, {**values, **guess}, free, usual, reach=_BEYOND * place)
 
-    start = trial(_CUTOFFS[0])
+    trials = [trial(cutoff) for cutoff in _CUTOFFS]
     has_wells = windows.integration_order > 0 and not is_linear(link.law)
-    if has_wells and start[0] > _EXPLAINED * noise * len(windows.force):
-        start = min(start, trial(_CUTOFFS[1], _FAR), key=lambda trial: trial[0])
-    return start[1]
+    if has_wells and min(left for left, _ in trials) > _EXPLAINED * noise * len(windows.force):
+        trials.append(trial(_CUTOFFS[0], _FAR))
+    return min(trials, key=lambda trial: trial[0])[1]
 
 
 def regressed(
