@@ -465,39 +465,8 @@ class Law:
             return dict(self.declared)
         known = {rate.name: unit_dimension(rate.unit) for rate in self.rates if rate.unit}
         known |= {name: unit_dimension(unit) for name, unit in self.signal_units}
-        dimensions = self.dimensions(known).items()
+        dimensions = coefficient_dimensions(self, known).items()
         return {name: "?" if dimension is None else str(dimension) for name, dimension in dimensions}
-
-    def dimensions(self, known: Mapping[str, Dimension]) -> dict[str, Dimension | None]:
-        """Dimension of each coefficient and state, given those of some.
-
-        Parameters
-        ----------
-        known : mapping of str to Dimension
-            The dimensions that are stated.
-
-        Returns
-        -------
-        dict of str to Dimension or None
-            All of them; None where any is consistent.
-
-        Raises
-        ------
-        LawError
-            If none are consistent; it has the place where they disagree.
-        """
-        rates = {rate.name: rate.expression for rate in self.rates}
-        force = NEWTON * METRE if self.angular else NEWTON
-        conflicts = []
-        for variables in _ANGULAR if self.angular else _LINEAR:
-            try:
-                return infer(self.expression, variables, force, rates=rates, known=known)
-            except UnitConflict as error:
-                conflicts.append(error)
-        first = conflicts[0]
-        faulty = (self.text, *(rate.text for rate in self.rates))[first.equation]
-        place = parse_with_positions(faulty, (*VARIABLES, *rates, *known)).position(first.part)
-        raise LawError(first.reason, faulty, place, "Give each term a coefficient of its own.") from None
 
     @cached_property
     def elastic(self) -> Expression:
@@ -652,3 +621,37 @@ def _parse(
     coefficients = tuple(name for name in names if name not in variables)
     used = tuple(pair for pair in dict.fromkeys(signals) if pair[0] in names)
     return Law(text, expression, coefficients, parsed, signal_units=used)
+
+
+def coefficient_dimensions(law: Law, known: Mapping[str, Dimension]) -> dict[str, Dimension | None]:
+    """Dimension of each coefficient and state of a law, given those of some.
+
+    Parameters
+    ----------
+    law : Law
+        The law.
+    known : mapping of str to Dimension
+        The dimensions that are stated.
+
+    Returns
+    -------
+    dict of str to Dimension or None
+        All of them; None where any is consistent.
+
+    Raises
+    ------
+    LawError
+        If none are consistent; it has the place where they disagree.
+    """
+    rates = {rate.name: rate.expression for rate in law.rates}
+    force = NEWTON * METRE if law.angular else NEWTON
+    conflicts = []
+    for variables in _ANGULAR if law.angular else _LINEAR:
+        try:
+            return infer(law.expression, variables, force, rates=rates, known=known)
+        except UnitConflict as error:
+            conflicts.append(error)
+    first = conflicts[0]
+    faulty = (law.text, *(rate.text for rate in law.rates))[first.equation]
+    place = parse_with_positions(faulty, (*VARIABLES, *rates, *known)).position(first.part)
+    raise LawError(first.reason, faulty, place, "Give each term a coefficient of its own.") from None

@@ -27,7 +27,7 @@ from linkwise.expression.dimensions import Dimension
 from linkwise.model.coefficient import Coefficient, coefficient_of
 from linkwise.model.host import Host, rotations_of
 from linkwise.model.host_file import HostTable, host_of
-from linkwise.model.law import Law, LinkState, unit_dimension
+from linkwise.model.law import Law, LinkState, coefficient_dimensions, unit_dimension
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass, is_inertia
 from linkwise.model.named_laws import NamedLaw, is_law_name, named_law
 from linkwise.model.structure import Structure
@@ -77,7 +77,7 @@ def link_of(
         open_states = [name for name, unit in law.state_units.items() if unit == "?"] if stated else []
         if open_states:  # the units of coefficients tell them
             known |= stated
-            inferred = law.dimensions(known)
+            inferred = coefficient_dimensions(law, known)
             units_of = {name: str(inferred[name]) for name in open_states if inferred[name]}
             states |= {name: replace(states[name], unit=unit) for name, unit in units_of.items()}
             law = _law(law.text, tuple(states.items()), angular, inputs)
