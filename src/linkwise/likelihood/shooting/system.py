@@ -185,11 +185,11 @@ def held_where_unseen(structure: Structure, channels: Sequence[Channel]) -> Stru
     used |= {channel.place for channel in channels}
 
     def held(host: Host) -> Host:
-        seen = [point for point in host.points if f"{host.name}.{point}" in used]
-        sigmas = (
-            {key: mode.shape_sigma[key] for key in seen if key in mode.shape_sigma} for mode in host.modes
+        seen = {point for point in host.modes[0].shape if f"{host.name}.{point}" in used}
+        modes = (
+            replace(mode, shape_sigma={key: mode.shape_sigma[key] for key in mode.shape_sigma if key in seen})
+            for mode in host.modes
         )
-        modes = (replace(mode, shape_sigma=sigma) for mode, sigma in zip(host.modes, sigmas, strict=True))
         return replace(host, modes=tuple(modes))
 
     hosts = tuple(map(held, structure.hosts))
