@@ -177,18 +177,17 @@ def test_a_mode_that_fades_is_no_force_that_goes_on(absorber: tuple[float, float
     assert not fit.trusted and not fit.added
 
 
-@pytest.mark.parametrize(
-    ("snr_db", "kind", "option"),
-    [(25.0, "harmonic force", "--harmonic m1"), (30.0, "hum", "--sensor x:m1:hum")],
-)
-def test_a_line_that_may_fade_as_a_mode_does_is_a_second_answer(
-    snr_db: float, kind: str, option: str
-) -> None:
-    """An absorber with 0.1 % of damping sounded through the record: taken in as a line, trusted, with k 400 errors off."""
+@pytest.mark.parametrize("snr_db", [25.0, 30.0])
+def test_a_line_that_may_fade_as_a_mode_does_is_a_second_answer(snr_db: float) -> None:
+    """An absorber with 0.1 % of damping sounded through the record: taken in as a line, trusted, with k 400 errors off.
+
+    Of a single mass a force and a hum explain as much, of which rounding may choose either.
+    """
     fit = with_absorber(0.57, 1120.0, 0.56, (0.017, 236.0, 0.0036), speed=0.5, snr_db=snr_db, seed=500)
     assert fit.grade is lw.verdict.Grade.APPROXIMATE and not fit.added and fit.alternative is not None
     [line] = fit.alternative.added
-    assert line.kind == kind and fit.alternative.may_fade == (line.size,)
+    assert fit.alternative.may_fade == (line.size,)
+    option = {"harmonic force": "--harmonic m1", "hum": "--sensor x:m1:hum"}[line.kind]
     title, options, _ = fit.second_answer
     assert "or a mode that the laws lack" in title and "or add a mass) only noise is left" in title
     assert options == [f"{option}={line.size:.6g}Hz"]
