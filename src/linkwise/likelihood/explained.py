@@ -31,6 +31,7 @@ from linkwise.estimates.causes import (
     HIGH_PASS,
     HITS,
     HUM,
+    NONLINEARITY,
     SPIKES,
     Cause,
 )
@@ -291,7 +292,7 @@ def explained_answer(
     answer, base = found.reported, accelerating_base(records[0])
     as_stated = all(
         cause.is_instrument
-        and cause.kind not in (*FREED, AMBIENT)
+        and cause.kind not in (*FREED, AMBIENT, GAIN_DRIFT, NONLINEARITY)
         and cause.remark != MAY_FADE
         and not (cause.kind == "gain" and cause.where in base and not cause.known_within)
         and (cause.kind != "force gain" or cause.remark.startswith(OF_HITS))
