@@ -376,8 +376,8 @@ def _by_event(first: _Model) -> _Model | None:
     event = next((cause for cause in first.answer.diagnosis[:1] if cause.kind == EVENT), None)
     if event is None or len(first.records) > 1:
         return None
-    behind = first.answer.diagnosis[1:2]
-    errors = (cause for cause in behind if is_admissible(cause) and not cause.kind.endswith("gain"))
+    second = first.answer.diagnosis[1:2]
+    errors = (cause for cause in second if is_admissible(cause) and not cause.kind.endswith("gain"))
     alone = next(filter(None, map(first.with_error, errors)), None)
     if alone is not None and alone.is_explained:
         return alone
