@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from laboratory_records import Faulty, asymmetric_well, of_sensor, with_machine
+from laboratory_records import SMALL, Faulty, asymmetric_well, of_sensor, with_machine, with_small_fault
 
 import linkwise as lw
 from linkwise.errors import LinkwiseError
@@ -27,12 +27,15 @@ _NEAR = 0.02  # relative: of a frequency
 
 @dataclass(frozen=True)
 class Told:
-    """What an answer says of a fault: its `gain`, whether it is named `first`, trusted, `far` off, and its `second` answer."""
+    """What an answer says of a fault: its `gain`, whether it is named `first`, trusted, `far` off, and whether that with the
+    fault taken in, by itself or as a second answer, is `right`.
+    """
 
     gain: float
     first: bool
     trusted: bool
     far: float
+    right: bool
     said: str
 
 
@@ -41,21 +44,23 @@ def told(case: Faulty) -> Told:
     try:
         fit = lw.identify(case.record, case.asked)
     except LinkwiseError as error:
-        return Told(np.inf, False, False, 0.0, f"refused: {error}"[:90])
+        return Told(np.inf, False, False, 0.0, False, f"refused: {error}"[:90])
     # which all of these records have as well
     causes = [cause for cause in (*fit.added, *fit.diagnosis) if cause.kind != "input noise"]
     far = float(np.abs(case.errors(fit)).max()) if fit.trusted else 0.0
+    beside = fit if fit.trusted else fit.alternative
+    right = beside is not None and float(np.abs(case.errors(beside)).max()) <= FAR
     gain = max((cause.gain for cause in causes), default=0.0 if fit.trusted else np.inf)
     named = bool(causes) and case.names(causes[0])
     if case.fault == "clock" and fit.trusted and causes and causes[0].kind.endswith("delay"):
         gain = 0.0  # beside half of the final slip as a delay it raises nothing
     said = f"{fit.verdicts[0].name} {[(cause.kind, cause.where, cause.term, round(cause.size, 4)) for cause in causes[:2]]}"
-    return Told(gain, named, fit.trusted, far, said)
+    return Told(gain, named, fit.trusted, far, right, said)
 
 
 def reported(kind: str, make: object, far: float) -> tuple[float, int]:
     """The share of faults that are named first among those that raise the likelihood, and how many answers are wrong."""
-    named, raised, wrong, trusted = 0, 0, 0, 0
+    named, raised, wrong, trusted, right = 0, 0, 0, 0, 0
     print(f"\n{kind}")
     for seed in SEEDS:
         case = make(seed)  # type: ignore[operator]
@@ -63,11 +68,13 @@ def reported(kind: str, make: object, far: float) -> tuple[float, int]:
         raised += answer.gain > TOLD
         named += answer.gain > TOLD and answer.first
         trusted += answer.trusted
+        right += answer.right and answer.gain > TOLD
         wrong += answer.far > far
         mark = "WRONG" if answer.far > far else "" if answer.first or answer.gain <= TOLD else "unnamed"
         print(f"  {seed} {case.where} {case.size:.4g} {answer.far:.1f} {answer.said} {mark}", flush=True)
     print(
-        f"  named first {named} of {raised} that raise it, {trusted} of {len(SEEDS)} trusted, {wrong} wrong"
+        f"  named first {named} of {raised} that raise it, {right} right once taken in, {trusted} of {len(SEEDS)} trusted, "
+        f"{wrong} wrong"
     )
     return named / max(raised, 1), wrong
 
@@ -86,3 +93,10 @@ def test_a_machine_that_was_not_recorded_is_named() -> None:
 def test_an_asymmetric_well_is_not_trusted_beyond() -> None:
     _, wrong = reported("asymmetric well", asymmetric_well, FAR)
     assert wrong == 0
+
+
+@pytest.mark.parametrize("kind", SMALL)
+def test_what_is_trusted_beside_a_small_fault_is_right(kind: str) -> None:
+    """But for a gain that drifts in a single decaying channel, which is damping to the first order."""
+    _, wrong = reported(kind, lambda seed: with_small_fault(kind, seed), FAR)
+    assert wrong <= (0.1 * len(SEEDS) if kind == "gain drift" else 0)

@@ -89,6 +89,21 @@ def test_an_event_at_an_end_of_a_record_leaves_it_whole(at: float) -> None:
     )
 
 
+@pytest.mark.parametrize(("alone", "kept"), [([], ["high pass"]), ([HIGH_PASS], ["event"])])
+def test_an_error_behind_an_event_that_alone_leaves_noise_leaves_the_record_whole(
+    alone: list[Cause], kept: list[str]
+) -> None:
+    """A clock that runs apart shows most where a motion is fastest, as an event does."""
+
+    def answered(structure: lw.Structure, options: LikelihoodOptions, records: Sequence[lw.Record]) -> Any:
+        return answer([] if len(records) == 2 else alone)
+
+    record = lw.Record(0.0, 100.0, ("a:m1",), np.random.default_rng(3).normal(size=(201, 1)))
+    left = answer([Cause("event", "m1", 1.0, "s", 90.0, 0.05), HIGH_PASS])
+    found = present(_by_event(_Model(answered, SPRING, LikelihoodOptions(), [record], left)))
+    assert [cause.kind for cause in found.added] == kept
+
+
 def test_a_drift_is_a_line_before_it_may_follow_the_motion() -> None:
     record = lw.Record(0.0, 100.0, ("x:m1",), np.zeros((201, 1)))
     line = Drift("x:m1").beside((), record)

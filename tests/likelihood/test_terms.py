@@ -213,6 +213,23 @@ def test_crosstalk_is_estimated_where_it_is_let_and_where_it_alone_leaves_noise(
     assert "crosstalk of x:m2" in " ".join(again.remarks)
 
 
+@pytest.mark.parametrize(("kind", "size"), [("gain drift", 0.03), ("nonlinearity", 0.01)])
+def test_an_error_that_laws_may_stand_for_is_a_second_answer(kind: str, size: float) -> None:
+    forces = {"m1": "40*sin(31*t + 1) + 20*sin(53*t)"}
+    clean = lw.simulate(PAIR, forces=forces, duration=4.0, rate=200.0)
+    values, column = clean.values.copy(), clean.channels.index("x:m2")
+    shown = values[:, column]
+    form = clean.time / clean.duration if kind == "gain drift" else (shown / np.abs(shown).max()) ** 2
+    values[:, column] = shown * (1.0 + size * form)
+    fit = lw.identify(replace(clean, values=values, simulated=None).with_noise(50.0, seed=2), ASKED)
+    assert not fit.trusted and (fit.diagnosis[0].kind, fit.diagnosis[0].where) == (kind, "x:m2")
+    beside = present(fit.alternative)
+    [error] = beside.sensor_errors
+    assert (error.kind, error.channel) == (kind, "x:m2")
+    assert abs(error.value - size) < 4.0 * error.standard_error
+    assert beside.trusted and np.abs(errors(beside, PAIR)).max() < 4.0
+
+
 def test_a_channel_that_is_not_there_is_no_matter_of_the_record(record: lw.Record) -> None:
     """Every refusal was read as a fault of the record, and a wrong sign of a sensor named beside it."""
     with pytest.raises(lw.IdentificationError) as refused:

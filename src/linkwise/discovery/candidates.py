@@ -415,7 +415,7 @@ class DiscoveryOptions(AskedFor):
         Channels recorded by a device with a clock of its own, as of `MaximumLikelihood`, likewise.
     harmonics : mapping of str to float or sequence of float
         Frequencies in Hz of harmonic forces that no channel shows, by mass, as of `MaximumLikelihood`.
-    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock", "crosstalk"}
+    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock", "crosstalk", ...}
         Errors of sensors that are taken into the model where they are significant: the search is repeated with those that its
         diagnosis names. By default two at most, and where they leave only noise.
     as_stated : bool

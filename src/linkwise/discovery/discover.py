@@ -30,7 +30,7 @@ from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.term_parameters import select_with_parameters
 from linkwise.discovery.terms import USUAL
 from linkwise.errors import IdentificationError, options_given
-from linkwise.estimates.causes import Cause
+from linkwise.estimates.causes import GAIN_DRIFT, NONLINEARITY, Cause
 from linkwise.likelihood.explained import (
     WHITE,
     answer_with_sensors,
@@ -75,7 +75,7 @@ _SCREENED = 0.1  # of the progress, when the screen is done
 _SEARCHED = 0.99  # of the progress, when a selection is judged
 _LOOSE = 0.1  # relative deviation of the gain of a force
 _ERRORS = 2  # of sensors, that are added at most by themselves: each takes a search
-_STANDS_FOR_LAWS = "force gain", "offset"
+_STANDS_FOR_LAWS = "force gain", "offset", GAIN_DRIFT, NONLINEARITY
 """Errors that other masses, or laws about another position of rest, explain as well: these are asked for, not added."""
 _MEMORY = 0.03  # of the forces, left without memory, from which it is looked for where it was not offered
 

@@ -28,18 +28,17 @@ class Cause:
     Attributes
     ----------
     kind : str
-        ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of
-        them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are
-        ``"swapped"``, another ``"place"`` of a force, ``"relative"`` motion taken for absolute, a ``"high pass"``, a
-        ``"clock"``, a ``"slip"`` by samples that were lost or doubled, a ``"gain drift"`` of a channel or all of them,
-        ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, an exponential ``"window"``, ``"mass"``,
-        the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between
-        modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its
-        channel or that of the base, an ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured
-        force"`` where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"`` whose
-        level changes with time, a ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a
-        missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value,
-        ``"prior"``, that the records contradict.
+        ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of them
+        share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are ``"swapped"``,
+        another ``"place"`` of a force, ``"relative"`` motion taken for absolute, a ``"high pass"``, a ``"clock"``, a
+        ``"slip"`` by samples that were lost or doubled, a ``"gain drift"`` of a channel or all of them, a ``"nonlinearity"``
+        of a channel, ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, an exponential ``"window"``,
+        ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between
+        modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel
+        or that of the base, an ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured force"`` where white
+        ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"`` whose level changes with time, a
+        ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a missing ``"term"`` of a link, a
+        missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
@@ -218,6 +217,7 @@ SPIKES: Final = "spikes"
 HUM: Final = "hum"
 WINDOW: Final = "window"
 GAIN_DRIFT: Final = "gain drift"
+NONLINEARITY: Final = "nonlinearity"
 
 _OFF = "{0.where} that is off by {percent:+.3g} %"
 _SIZED = "{0.where} of {size:.3g} {0.unit}{remark}"
@@ -227,6 +227,11 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
     {
         "gain": CauseKind(f"a gain of {_OFF}{{remark}}", "1", relative=True),
         GAIN_DRIFT: CauseKind("a gain of {0.where} that drifts by {percent:+.3g} %", "1", relative=True),
+        NONLINEARITY: CauseKind(
+            "a sensor of {0.where} that shows {percent:+.3g} % more than in proportion at its largest value",
+            "1",
+            relative=True,
+        ),
         "offset": CauseKind("an offset of {0.size:.3g} {0.unit} in {0.where}"),
         "drift": CauseKind("a drift of {0.size:.3g} {0.unit} in {0.where}"),
         "delay": CauseKind("a delay of {ms:.3g} ms in {0.where}{remark}", "s"),
@@ -294,6 +299,8 @@ FOUND = {
     "delay": "is late by {ms:.4g} ms",
     HIGH_PASS: "is behind a high pass with its corner at {0.value:.4g} Hz",
     CLOCK: "has a clock that runs {size:.4g} ppm {faster}",
+    GAIN_DRIFT: "has a gain that drifts by {0.value:.4g} of it",
+    NONLINEARITY: "shows {0.value:.4g} more than in proportion at its largest value",
     CROSSTALK: "shows {0.value:.4g} of what {0.source} shows as well",
     HARMONIC: "has a harmonic force at {0.value:.6g} Hz that was not recorded",
 }

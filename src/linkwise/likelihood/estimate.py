@@ -145,9 +145,9 @@ class MaximumLikelihood(AskedFor, Estimator):
         Channels of inputs with white noise, such as ``"force:m1"``, ``"a:base"`` or ``"x:base"``, and its standard deviation
         in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts. The diagnosis
         names a channel with more noise than is stated. For that of ``"signal:u"`` in a law intervals allow.
-    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock", "crosstalk"}, optional
-        Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
-        diagnosis names.
+    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock", "crosstalk", ...}, optional
+        Errors of sensors, also ``"gain drift"`` and ``"nonlinearity"``, that are taken into the model where they are
+        significant: the fit is repeated with those that its diagnosis names.
     loss : Loss, optional
         Loss of a residual: `Gaussian()` or, against outliers, `Huber()` or `Student()`.
     exact : bool

@@ -31,6 +31,7 @@ from linkwise.estimates.causes import (
     HIGH_PASS,
     HITS,
     HUM,
+    NONLINEARITY,
     SPIKES,
     Cause,
 )
@@ -291,7 +292,7 @@ def explained_answer(
     answer, base = found.reported, accelerating_base(records[0])
     as_stated = all(
         cause.is_instrument
-        and cause.kind not in (*FREED, AMBIENT)
+        and cause.kind not in (*FREED, AMBIENT, GAIN_DRIFT, NONLINEARITY)
         and cause.remark != MAY_FADE
         and not (cause.kind == "gain" and cause.where in base and not cause.known_within)
         and (cause.kind != "force gain" or cause.remark.startswith(OF_HITS))
@@ -367,10 +368,19 @@ def _by_slip(first: _Model) -> _Model | None:
 
 
 def _by_event(first: _Model) -> _Model | None:
-    """The parts of a record before and behind an event as two records, and errors of sensors beside that."""
+    """The parts of a record before and behind an event as two records, and errors of sensors beside that.
+
+    Where the cause named behind it is an error of a sensor that alone leaves noise, the model with that: the fastest motion
+    shows most of it.
+    """
     event = next((cause for cause in first.answer.diagnosis[:1] if cause.kind == EVENT), None)
     if event is None or len(first.records) > 1:
         return None
+    second = first.answer.diagnosis[1:2]
+    errors = (cause for cause in second if is_admissible(cause) and not cause.kind.endswith("gain"))
+    alone = next(filter(None, map(first.with_error, errors)), None)
+    if alone is not None and alone.is_explained:
+        return alone
     [record] = first.records
     before, behind = event.size - event.standard_error, event.size + event.standard_error
     if before < record.start or behind > record.start + record.duration:

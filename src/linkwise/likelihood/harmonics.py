@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -37,8 +38,10 @@ from linkwise.runtime import one_blas_thread
 _FITS = 8  # that refine a force, at most
 _SETTLED = 0.1  # standard errors, by which a step changes its unknowns
 _STEP = 0.25  # of a line's width, one over the duration, between frequencies that are tried
+# frequencies on each side of a line of the motion, and the part of its width between them: on all masses, then on one
+_NEARBY = ((4, 0.5), (8, 0.06))
 _AROUND = 8  # such steps on each side of a frequency that is stated
-_LINES = 4  # in what a fit leaves that are tested
+_LINES, _OF_MOTION = 4, 2  # in what a fit leaves that are tested, and in the motion itself
 _NEIGHBOURS = 61  # steps over which the level around a line is found
 # times that level from which a line is tested: noise behind a resonance that is narrow hardly reaches it
 _ABOVE = 20.0
@@ -174,7 +177,8 @@ class Lines:
         """Those that no force or hum of the fit is; None without any, and beside hosts.
 
         A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929). That of a sensor is in its
-        channel alone.
+        channel alone. Laws with a model error take up a force near a resonance, and what they leave has no line at it: there
+        the motion is looked at as well.
         """
         if structure.hosts or not (fit.has_errors and tells_time(fit.segments, records)):
             return None
@@ -182,6 +186,8 @@ class Lines:
         known = [force.frequency for force in fit.options.harmonics]
         known += [hum.frequency for hum in of_kind(fit.options.errors, Hum)]
         width = 1.0 / records[0].duration
+        going_on = _lines_of_motion(records) if fit.model_error > 0.0 and not fit.random_forces else []
+        found += [_refined(fit, structure, records, line) for line in going_on]
         lines = [line for line in found if all(abs(line.frequency - one) > width for one in known)]
         exact, every = _is_exact(fit), range(structure.size)
         forces = [
@@ -300,6 +306,39 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
             row, frequency, ratio = row[high], frequency[high], ratio[high]
             found.append(np.stack([ratio, frequency, np.full(len(row), kind), row]))
     return list(_highest(np.concatenate(found, axis=1), records[0].duration)), count
+
+
+def _lines_of_motion(records: Sequence[Record]) -> list[_Line]:
+    """The strongest frequencies in the second halves of records, in which a decay has become small."""
+    found = []
+    for record in records:
+        shown = np.nan_to_num(record.select(record.responses).values[len(record) // 2 :].T)
+        shown -= shown.mean(axis=1, keepdims=True)
+        size = round(record.duration * record.rate / _STEP)
+        power = np.abs(np.fft.rfft(shown * np.hanning(shown.shape[1]), size)) ** 2
+        frequency = np.arange(power.shape[1]) * record.rate / size
+        power[:, (frequency < _PERIODS / record.duration) | (frequency > _HIGHEST * record.rate)] = 0.0
+        power /= np.maximum(power.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+        row, at = np.nonzero(power)
+        found.append(np.stack([power[row, at], frequency[at], np.full(len(row), -1), row]))
+    return list(islice(_highest(np.concatenate(found, axis=1), records[0].duration), _OF_MOTION))
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _refined(fit: LikelihoodFit, structure: Structure, records: Sequence[Record], line: _Line) -> _Line:
+    """The line at the frequency near its own at which a force on some mass explains most, if the equations tell any."""
+    masses, frequency, width = structure.mass_names, line.frequency, 1.0 / records[0].duration
+    for steps, spacing in _NEARBY:
+        near = frequency + spacing * width * np.arange(-steps, steps + 1)
+        tried = [HarmonicForce.on(mass, float(hz), structure) for mass in masses for hz in near]
+        try:
+            unknowns = _Unknowns.of(fit, fit.optimum, records, tried)
+            gains, _ = _each_alone(unknowns.information, unknowns.score, 2 * len(records))
+        except np.linalg.LinAlgError:
+            return line
+        best = tried[int(np.argmax(gains))]
+        masses, frequency = (best.mass,), best.frequency
+    return replace(line, frequency=frequency)
 
 
 def _highest(found: Floats, duration: float) -> Iterator[_Line]:

@@ -24,8 +24,10 @@ from linkwise.estimates.causes import (
     CAUSE_KINDS,
     CLOCK,
     CROSSTALK,
+    GAIN_DRIFT,
     HIGH_PASS,
     HUM,
+    NONLINEARITY,
     Cause,
     SensorErrorEstimate,
 )
@@ -180,10 +182,9 @@ class Term(ABC):
         return SensorErrorEstimate(self.channel, self.kind, value, error, self.unit or unit)
 
     def beside(self, errors: Sequence[Term], record: Record) -> tuple[Term, ...] | None:
-        """The errors with this one, of which nothing is known; None where it is there, or is one of a base that has none."""
-        is_base = self.channel in record.motions_of(BASE) and self.channel not in self.sensors(record)
+        """The errors with this one, of which nothing is known; None where it is there, or is one of no sensor."""
         is_there = any(one.channel == self.channel for one in of_kind(errors, type(self)))
-        return None if is_base or is_there else (*errors, self)
+        return None if is_there or self.channel not in self.sensors(record) else (*errors, self)
 
 
 T = TypeVar("T", bound=Term)
@@ -487,6 +488,36 @@ class Crosstalk(Waveform):
 
 
 @dataclass(frozen=True)
+class OfReading(Waveform):
+    """What a sensor shows beside the motion that follows from what it shows at the same moment."""
+
+    argument = "admit"
+
+    def refusal(self, records: Sequence[Record]) -> str:
+        return super().refusal(records) or self.gaps_in(records)
+
+
+@dataclass(frozen=True)
+class GainDrift(OfReading):
+    """A gain that drifts by its size along a record."""
+
+    kind = GAIN_DRIFT
+
+    def columns(self, shown: Shown) -> list[Floats]:
+        return [shown.value * shown.ramp]
+
+
+@dataclass(frozen=True)
+class Nonlinearity(OfReading):
+    """A cubic part of what a sensor shows, its size at the largest value that it shows."""
+
+    kind = NONLINEARITY
+
+    def columns(self, shown: Shown) -> list[Floats]:
+        return [shown.value * (shown.value / max(np.abs(shown.value).max(), _TINY)) ** 2]
+
+
+@dataclass(frozen=True)
 class Clock(Waveform):
     """A clock that runs fast by a `ratio` in ppm, None where it is to be found; `taken_out` is taken out of the records.
 
@@ -581,7 +612,11 @@ def beside_clocks(errors: Sequence[Term], clocks: Stated, record: Record) -> tup
 
 
 ERRORS: Registry[type[Term]] = Registry(
-    "error of a sensor", {one.kind: one for one in (Gain, Offset, Delay, Drift, HighPass, Clock, Crosstalk)}
+    "error of a sensor",
+    {
+        one.kind: one
+        for one in (Gain, Offset, Delay, Drift, HighPass, Clock, Crosstalk, GainDrift, Nonlinearity)
+    },
 )
 """The kinds of errors that are tested along the motion of a fit, and that can be admitted."""
 

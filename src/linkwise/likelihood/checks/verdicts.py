@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.display import enumerated, format_percent
-from linkwise.estimates.causes import EVENT, GAIN_DRIFT, Cause
+from linkwise.estimates.causes import EVENT, GAIN_DRIFT, NONLINEARITY, Cause
 from linkwise.likelihood.checks.horizons import hidden_term
 from linkwise.likelihood.checks.judgement import AS_NOISE, LARGEST_SHIFT, LARGEST_TERM, Examined, Judgement
 from linkwise.likelihood.checks.jumps import event_between, moment
@@ -50,7 +50,18 @@ _MOMENT = 0.05  # of the record: half of the misfit in less, and not at its star
 _UNDETERMINED = 0.5  # standard error of a coefficient over its value
 _RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
 _SMALL_ERRORS = frozenset(
-    {"gain", GAIN_DRIFT, "offset", "drift", "delay", "crosstalk", "mass", "force gain", "force delay"}
+    {
+        "gain",
+        GAIN_DRIFT,
+        NONLINEARITY,
+        "offset",
+        "drift",
+        "delay",
+        "crosstalk",
+        "mass",
+        "force gain",
+        "force delay",
+    }
 )
 """Whose effect the first order describes. A filter of all sensors changes the motion that nonlinear links act by as well,
 noise of inputs has no size that moves coefficients to a side, and what contradicts a stated value is no small error."""

@@ -241,7 +241,6 @@ def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
         for kind, error in errors:
             yield Added(Hypothesis(kind, names[channel]), samples=[(channel, error.tested(one))])
     drifting = [(channel, one.value * one.ramp) for channel, one in enumerate(shown)]
-    yield from (Added(Hypothesis(GAIN_DRIFT, names[one[0]]), samples=[one]) for one in drifting)
     if len(drifting) > 1:
         yield Added(Hypothesis(GAIN_DRIFT, "all channels"), samples=drifting)
     for channel, source in permutations(range(len(shown) if len(shown) <= _COUPLED else 0), 2):

@@ -25,7 +25,7 @@ from itertools import chain
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, GAIN_DRIFT, HIGH_PASS, Cause
+from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, GAIN_DRIFT, HIGH_PASS, NONLINEARITY, Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, Optimum
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
@@ -139,7 +139,7 @@ LARGEST = 0.2  # relative error up to which the first order describes a gain or 
 
 _MASS_CHANCE = 12.0  # with twice the logarithm of the number of masses: normal scores give one in 2000 fits
 _HINT = 6.25  # the same: one in 80, as of usual terms
-_USUAL_ERRORS = ("gain", GAIN_DRIFT, "force gain", "offset", "delay", "force delay")
+_USUAL_ERRORS = ("gain", GAIN_DRIFT, NONLINEARITY, "force gain", "offset", "delay", "force delay")
 _AS_LIKELY = 0.5  # of the largest gain: another mass that gains more may be the one that is off
 _FELT = 1.0  # standard errors: the least change of a coefficient of which something is said
 
@@ -289,7 +289,10 @@ _SHIFTED = 3.0  # standard errors that it, or a mass, changes a coefficient by: 
 _FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes
 _LISTED = 3  # hypotheses in a sentence
 _NOTHING_TESTED = " Errors of sensors and missing terms were not tested: at these values the equations for them are singular."
-PRICES = {**dict.fromkeys(MEMORY_TERMS, PRICE_OF_REACH), **dict.fromkeys(("d*abs(d)", GAIN_DRIFT), 9.0)}
+PRICES = {
+    **dict.fromkeys(MEMORY_TERMS, PRICE_OF_REACH),
+    **dict.fromkeys(("d*abs(d)", GAIN_DRIFT, NONLINEARITY), 9.0),
+}
 """Of -2 log likelihood, that a cause loses beside a smooth function: by three standard errors these are told apart."""
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 
