@@ -166,7 +166,7 @@ def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> _Horizon | None:
         return None
     with one_blas_thread():
         noise, _ = evidence(found)
-        scores = optimum.scores
+        scores = optimum.block_scores(BLOCKS[0])
     if scores is None:
         return None
     try:
