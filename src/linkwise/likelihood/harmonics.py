@@ -189,16 +189,15 @@ class Lines:
         going_on = _lines_of_motion(records) if fit.model_error > 0.0 and not fit.random_forces else []
         found += [_refined(fit, structure, records, line) for line in going_on]
         lines = [line for line in found if all(abs(line.frequency - one) > width for one in known)]
-        exact, every = _is_exact(fit), range(structure.size)
-        forces = [
-            HarmonicForce.on(structure.mass_names[mass], line.frequency, structure)
-            for line in lines
-            for mass in ((line.masses or every) if exact else every)
-        ]
-        channels = range(fit.optimum.segments.samples.shape[1])
-        hums = [
-            (line.frequency, channel) for line in lines for channel in (line.channels if exact else channels)
-        ]
+        exact, names, responses = _is_exact(fit), structure.mass_names, records[0].responses
+        forces, hums = list[HarmonicForce](), list[tuple[float, int]]()
+        for line in lines:
+            channels = line.channels if exact else range(len(responses))
+            places = [responses[channel].place for channel in line.channels]
+            shown = [names[mass] for mass in line.masses] or [name for name in names if name in places]
+            masses = (exact and shown) or names
+            forces += [HarmonicForce.on(name, line.frequency, structure) for name in masses]
+            hums += [(line.frequency, channel) for channel in channels]
         return cls(fit, records, lines, looked_at, forces, hums) if lines else None
 
     def columns(self, optimum: Optimum) -> Iterator[Added]:
@@ -249,7 +248,7 @@ class Lines:
 
 def _is_exact(fit: LikelihoodFit) -> bool:
     """Whether motion is that of the laws: defects are the slopes by forces on the masses, and residuals keep the hum of a
-    sensor. Other laws, and random forces, follow either.
+    sensor, so that what shows a line most clearly tells where it is. Other laws, and random forces, follow either.
     """
     return fit.optimum.q <= AnnealingSchedule.final_q and not fit.random_forces
 
@@ -271,7 +270,7 @@ def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Rec
 
 @dataclass(frozen=True)
 class _Line:
-    """A line at a `frequency` in Hz, the numbers of the `masses` and the `channels` that show it, the clearest first."""
+    """A line at a `frequency` in Hz, and the number of the mass and of the channel that show it most clearly, if any do."""
 
     frequency: float
     masses: Sequence[int]
@@ -352,9 +351,7 @@ def _highest(found: Floats, duration: float) -> Iterator[_Line]:
         line = float(frequency[highest])
         away = np.abs(frequency - line) * duration
         near = (away < 2.0) & (ratio > 0.0)
-        channels, masses = (
-            list(dict.fromkeys(number[near & (kind == own)].astype(int).tolist())) for own in (0, 1)
-        )
+        channels, masses = (number[near & (kind == own)][:1].astype(int).tolist() for own in (0, 1))
         yield _Line(line, masses, channels)
         ratio[away < 4.0] = 0.0
 

@@ -138,6 +138,11 @@ class Optimum:
         """Gauss-Newton blocks, with amplitudes of `candidates` and sizes of `errors` among the unknowns."""
         return linear_model(self.misfit, candidates, errors, blocks)
 
+    @cached_property
+    def scores(self) -> BlockScores | None:
+        """Those of as many blocks as are tried, which several checks ask for."""
+        return self.block_scores(BLOCKS[0])
+
     def block_scores(self, blocks: int, candidates: CandidateForces | None = None) -> BlockScores | None:
         """Scores of so many consecutive blocks of segments; None where the equations are singular.
 
@@ -313,8 +318,7 @@ def block_scatter(optimum: Optimum, free: Bools, scores: BlockScores | None = No
     """
     if blocks_of_scatter(optimum.segments) == 1:
         return None
-    if scores is None:
-        scores = optimum.block_scores(BLOCKS[0])
+    scores = scores or optimum.scores
     if scores is None:
         return None
     p = optimum.segments.system.parameters.size

@@ -152,4 +152,4 @@ def _scores(fit: LikelihoodFit, tested: TestedCauses | None) -> tuple[Segments, 
     if blocks_of_scatter(fit.segments) == 1:
         return fit.segments, None
     with one_blas_thread():
-        return fit.segments, fit.optimum.block_scores(BLOCKS[0])
+        return fit.segments, fit.optimum.scores

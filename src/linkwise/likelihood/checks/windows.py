@@ -82,13 +82,15 @@ def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     best = int(np.argmin(costs))
     scatter = levels.overdispersion(np.exp(-2.0 * _FALLS[best] * levels.part))
     gain = float(costs[0] - costs[best]) / scatter
+    # laws that lack a term leave more at its motion
+    least = max((_CHANCE, *(cause.gain for cause in before.diagnosis)))
+    if gain < least or _FALLS[best] < _LEAST:
+        return None
     follows = _FALLS[best] > _SLOWER * _FALLS[int(np.argmin(levels.by_falls(levels.motion).sum(axis=1)))]
     apart = max(len(levels.part) - 1, 1)  # a window falls in all channels alike
     by_each = float(of_each.min(axis=0).sum()) + chdtri(apart, _BY_CHANCE) * scatter
-    # laws that lack a term leave more at its motion
-    least = max((_CHANCE, *(cause.gain for cause in before.diagnosis)))
     rival = min(levels.by_growth + _LIKELIER * scatter, by_each)
-    if gain < least or _FALLS[best] < _LEAST or follows or rival < costs[best]:
+    if follows or rival < costs[best]:
         return None
     error = np.sqrt(scatter / np.sum(2.0 * levels.samples * (levels.part - 0.5) ** 2))
     rate = float(_FALLS[best] / records[0].duration)
