@@ -347,11 +347,11 @@ class MemorySearch:
     @cached_property
     def _sizes_of_shown(self) -> dict[str, float]:
         """The size of what each channel of a link shows among the equations."""
-        of_forces = {True: self._projected_force, False: partial(self.project, order=0)}
-        return {
-            name: float(np.std(of_forces[name.startswith("f:")](values)))
-            for name, values in self.shown.items()
-        }
+        sizes = {}
+        for name, values in self.shown.items():
+            shown = self._projected_force(values) if name.startswith("f:") else self.project(values, 0)
+            sizes[name] = float(np.std(shown))
+        return sizes
 
     @cached_property
     def _slow_part(self) -> Floats:
