@@ -29,6 +29,7 @@ from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.likelihood.starts.memory import held_at_zero
 from linkwise.likelihood.starts.values import link_start, starting_values
 from linkwise.model.law import Law
+from linkwise.weak.fit import WeakFit
 
 
 @pytest.mark.slow
@@ -203,8 +204,9 @@ def test_a_mass_to_which_the_weak_form_gives_nothing_starts_from_the_others_wher
     free = replace(both.masses[0], mass=lw.Coefficient.unknown())
     asked = replace(both.unknown("all"), masses=(free, both.masses[1]))
 
-    def nothing(records: object, given: lw.Structure, known: object) -> tuple[Floats, Floats]:
-        return np.zeros(len(given.parameters)), np.ones(len(given.parameters))
+    def nothing(records: object, given: lw.Structure, known: object) -> WeakFit:
+        count = len(given.parameters)
+        return WeakFit(np.zeros(count), np.eye(count), np.ones(count, dtype=bool), 1.0, np.ones(count))
 
     monkeypatch.setattr("linkwise.likelihood.starts.values._best_weak_fit", nothing)
     values, _ = starting_values([run.with_noise(40.0, seed=8)], asked)

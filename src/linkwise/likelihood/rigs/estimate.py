@@ -9,10 +9,9 @@ and terms that a law lacks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
-from itertools import chain
 
 import numpy as np
 import scipy
@@ -54,10 +53,8 @@ class Minimum:
 
 def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int = _LAST_STEPS) -> Minimum:
     """The minimum of the squares of weighted residuals near `start`, within bounds; priors count."""
-    low, high = problem.bounds
+    low, high, likely, certainty = problem.beforehand
     last: tuple[LinkPath, ...] | None = None
-    prior = np.array([p.start or 0.0 for p in problem.parameters])
-    certainty = problem.certainty[: len(prior)]
 
     @lru_cache(maxsize=1)
     def paths_at(*unknowns: float) -> tuple[LinkPath, ...]:
@@ -70,15 +67,13 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
         paths = paths_at(*unknowns)
         left = np.where(weights > 0.0, problem.residuals(unknowns, paths), 0.0)
         if not (all(path.converged for path in paths) and np.isfinite(left).all()):
-            return np.full(len(weights) + len(prior), _RUNAWAY)
+            return np.full(len(weights) + len(likely), _RUNAWAY)
         rows = np.clip(weights * left, -_RUNAWAY, _RUNAWAY)
-        return np.concatenate([rows, certainty * (prior - unknowns[: len(prior)])])
+        return np.concatenate([rows, certainty * (likely - unknowns)])
 
     def jacobian(unknowns: Floats) -> Floats:
-        own = np.zeros((len(prior), problem.size))
-        own[:, : len(prior)] = -np.diag(certainty)
         slopes = -weights[:, None] * problem.jacobian(paths_at(*unknowns))
-        return np.concatenate([np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0), own])
+        return np.concatenate([np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0), -np.diag(certainty)])
 
     inside = np.clip(start, low, high)
     with np.errstate(all="ignore"):
@@ -179,7 +174,7 @@ class RigFit:
     @cached_property
     def free(self) -> Bools:
         """(u,) False at a bound."""
-        (low, high), unknowns = self.problem.bounds, self.minimum.unknowns
+        (low, high), unknowns = self.problem.beforehand[:2], self.minimum.unknowns
         size = 1e-7 * (np.abs(unknowns) + np.where(np.isfinite(high - low), high - low, 0.0))
         return np.asarray((unknowns - low > size) & (high - unknowns > size), dtype=bool)
 
@@ -200,7 +195,7 @@ class RigFit:
     @property
     def _known(self) -> Floats:
         """(f, f) the information that is known of free unknowns beforehand."""
-        return np.diag(self.problem.certainty[self.free] ** 2)
+        return np.diag(self.problem.beforehand[3, self.free] ** 2)
 
     @property
     def determined(self) -> bool:
@@ -254,51 +249,54 @@ def rig_fit(
     problem: RigProblem, noise: Mapping[str, float], given: Mapping[str, float], progress: Progress
 ) -> RigFit:
     """Fit a rig; `noise` in N is that of load cells by channel, `given` starts by name."""
-    level = max(float(np.nanstd(problem.measured)), np.finfo(float).tiny)
-    alike, found = np.full(len(problem.measured), 1.0 / level), starts(problem, given)
-    near = [start.values for start in found if start.misfit <= _NEAR * found[0].misfit]
-    minima = []
-    for number, values in enumerate(near, start=1):
-        unknowns = np.append(values, np.zeros(problem.size - len(values)))
-        minima.append(minimise(problem, unknowns, alike, steps=_WHOLE_STEPS))
-        progress(ProgressReport(number / len(near), "searching from several starts"))
-    minima = [own for own in minima if np.isfinite(problem.residuals(own.unknowns, own.paths)).all()]
-    if not minima:
-        raise IdentificationError(_not_finite(problem))
-    fit = RigFit(problem, min(minima, key=lambda minimum: minimum.cost), noise)
+    found, beside = starts(problem, given), np.zeros(problem.size - len(problem.parameters))
+    near = [np.append(one.values, beside) for one in found if one.misfit <= _NEAR * found[0].misfit]
+    best = _lowest(problem, near, progress, "searching from several starts")
+    if best is None:
+        raise _not_finite(problem)
+    fit = RigFit(problem, best, noise)
     if fit.model_force > 0.0:
-        fit = replace(fit, minimum=_from_sizes(problem, fit.minimum, level, progress))
+        other = _lowest(problem, _from_sizes(problem, best.unknowns), progress, "searching from other sizes")
+        fit = fit if other is None or best.cost <= other.cost else replace(fit, minimum=other)
     fit = refined(fit)
     for _ in range(_REWEIGHTED):
         fit = replace(fit, minimum=minimise(fit.problem, fit.minimum.unknowns, fit.weights))
     if not np.isfinite(fit.problem.jacobian(fit.minimum.paths)).all():
-        raise IdentificationError(_not_finite(problem))
+        raise _not_finite(problem)
     return fit
 
 
-def _from_sizes(problem: RigProblem, best: Minimum, level: float, progress: Progress) -> Minimum:
-    """The lowest of minima near one that leaves more than noise, each from it with one parameter, in which forces are not
-    linear, at the size that its unit implies: what a start does not depend on may be decades off.
-    """
-    structure, motion = problem.structure, problem.motions[0]
-    sizes = unit_sizes(problem.parameters, motion.d, motion.v, level)
-    curved = [
-        number
-        for number, parameter in enumerate(problem.parameters)
-        if any(key not in structure.links[link].law.linear for link, key in parameter.members)
-    ]
-    weights, minima = np.full(len(problem.measured), 1.0 / level), [best]
-    for count, number in enumerate(curved, start=1):
-        unknowns = best.unknowns.copy()
-        unknowns[number] = sizes[problem.parameters[number].name]
+def _lowest(problem: RigProblem, proposed: Sequence[Floats], progress: Progress, what: str) -> Minimum | None:
+    """The lowest of the minima near unknowns (u,) that are proposed, all samples weighing alike; None if none is finite."""
+    weights, minima = np.full(len(problem.measured), 1.0 / _level(problem)), []
+    for number, unknowns in enumerate(proposed, start=1):
         minima.append(minimise(problem, unknowns, weights, steps=_WHOLE_STEPS))
-        progress(ProgressReport(count / len(curved), "searching from other sizes"))
-    return min(minima, key=lambda minimum: minimum.cost)
+        progress(ProgressReport(number / len(proposed), what))
+    finite = [own for own in minima if np.isfinite(problem.residuals(own.unknowns, own.paths)).all()]
+    return min(finite, key=lambda minimum: minimum.cost, default=None)
 
 
-def _not_finite(problem: RigProblem) -> str:
+def _level(problem: RigProblem) -> float:
+    """The size of the forces in N."""
+    return max(float(np.nanstd(problem.measured)), np.finfo(float).tiny)
+
+
+def _from_sizes(problem: RigProblem, best: Floats) -> list[Floats]:
+    """The unknowns (u,) with one parameter, in which forces are not linear, at the size that its unit implies: what a start
+    does not depend on may be decades off.
+    """
+    motion = problem.motions[0]
+    sizes = unit_sizes(problem.parameters, motion.d, motion.v, _level(problem))
+    return [
+        np.where(np.arange(problem.size) == number, sizes[parameter.name], best)
+        for number, parameter in enumerate(problem.parameters)
+        if any(key not in problem.structure.links[link].law.linear for link, key in parameter.members)
+    ]
+
+
+def _not_finite(problem: RigProblem) -> IdentificationError:
     names = ", ".join(problem.structure.links[link].name for link in problem.links)
-    return (
+    return IdentificationError(
         f"no values were found with which the law of {names} and its derivatives are finite along the recorded motion; give "
         "starting values with which they are, or bounds of its coefficients"
     )
@@ -329,7 +327,7 @@ def motion_deviations(problem: RigProblem, minimum: Minimum) -> Floats:
     changes = [motion.noise_draws(rng, _DRAWS) for motion in problem.motions]
     rows = []
     for cell, path in zip(problem.cells, minimum.paths, strict=True):
-        moved = path.tangents(problem.free(cell.link)).by_motion(*changes[cell.record])
+        moved = path.tangents(tuple(cell.free)).by_motion(*changes[cell.record])
         moved = moved[:: cell.motion.substeps]
         rows.append(np.sqrt(np.mean(moved**2, axis=1)))
     return np.asarray(np.nan_to_num(np.concatenate(rows)))
@@ -412,7 +410,7 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
 
     Offsets of any significant size, and of terms and delays those that would move a coefficient by three standard errors.
     """
-    hypotheses, forces = zip(*chain(_offsets(fit), _terms(fit), _delays(fit)), strict=True)
+    hypotheses, forces = zip(*_hypotheses(fit), strict=True)
     columns, f = np.stack(forces, axis=1), int(fit.free.sum())
     weighted = np.column_stack([fit.weighted, fit.weights[:, None] * columns])
     scatter = fit.noise_of_sums(fit.weights[:, None] * weighted, fit.cells)
@@ -444,48 +442,34 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
     return tuple(sorted(causes, key=lambda cause: (cause.where == BASE_CHANNEL) * _OFFSET_GAIN - cause.gain))
 
 
-_Column = tuple[Hypothesis, Floats]  # of unit size, and the forces (R,) in N that it adds
-
-
-def _offsets(fit: RigFit) -> Iterator[_Column]:
-    """Offsets of sensors that are not among the unknowns."""
-    problem = fit.problem
-    every = replace(problem, offsets=problem.sensors).jacobian(fit.minimum.paths)
+def _hypotheses(fit: RigFit) -> Iterator[tuple[Hypothesis, Floats]]:
+    """What may be wrong, and the forces (R,) in N that it adds where its size is 1: offsets of sensors that are not among the
+    unknowns, and of each link forms of force that its law may lack, and a delay of its load cell, to first order.
+    """
+    problem, paths = fit.problem, fit.minimum.paths
+    every = replace(problem, offsets=problem.sensors).jacobian(paths)
     for number, channel in enumerate(problem.sensors, start=len(problem.parameters)):
         if channel not in problem.offsets:
             yield Hypothesis("offset", channel, unit=channel.unit), every[:, number]
-
-
-def _terms(fit: RigFit) -> Iterator[_Column]:
-    """Forms of force that the law of each link may lack."""
-    fastest = max(float(np.max(np.abs(motion.v[:: motion.substeps]))) for motion in fit.problem.motions)
-    for link in fit.problem.links:
-        for text in (*_TERMS, f"tanh(v/{_SATURATING * fastest!r})" if fastest > 0.0 else "v"):
-            law = Law.parse(text)
+    fastest = max(float(np.max(np.abs(motion.v[:: motion.substeps]))) for motion in problem.motions)
+    rubbing = {"tanh(v)": f"tanh(v/{_SATURATING * fastest!r})"} if fastest > 0.0 else {}
+    for link in problem.links:
+        for name, text in ({term: term for term in _TERMS} | rubbing).items():
+            force = Law.parse(text).force
             with np.errstate(all="ignore"):
-                column = _column(fit, link, partial(_force_along, law))
-            name = "tanh(v)" if text.startswith("tanh") else text
-            yield Hypothesis("term", fit.problem.structure.links[link].name, name, unit="N"), column
+                column = _column(fit, link, [force(path.d, path.v, {}) for path in paths])
+            yield Hypothesis("term", problem.structure.links[link].name, name, unit="N"), column
+    for link in problem.links:
+        late = _column(fit, link, [-np.gradient(path.force()) / path.step for path in paths])
+        yield Hypothesis("delay", cell_name(problem.structure, link), unit="s"), late
 
 
-def _force_along(law: Law, path: LinkPath) -> Floats:
-    return law.force(path.d, path.v, {})
-
-
-def _delays(fit: RigFit) -> Iterator[_Column]:
-    """A delay of each load cell, to first order."""
-    for link in fit.problem.links:
-        late = _column(fit, link, lambda path: -np.gradient(path.force()) / path.step)
-        yield Hypothesis("delay", cell_name(fit.problem.structure, link), unit="s"), late
-
-
-def _column(fit: RigFit, link: int, along: Callable[[LinkPath], Floats]) -> Floats:
-    """(R,) what is along the paths of one link, at its samples among those of all; 0 where one is missing."""
-    rows = []
-    for cell, path in zip(fit.problem.cells, fit.minimum.paths, strict=True):
-        shown = np.isfinite(cell.measured) & (cell.link == link)
-        values = np.broadcast_to(along(path), path.d.shape) if cell.link == link else path.d
-        rows.append(np.where(shown, values[:: cell.motion.substeps], 0.0))
+def _column(fit: RigFit, link: int, along: Sequence[Floats]) -> Floats:
+    """(R,) forces along all paths, at the samples of one link among those of all; 0 for others, and where one is missing."""
+    rows = [
+        np.where(np.isfinite(cell.measured) & (cell.link == link), force[:: cell.motion.substeps], 0.0)
+        for cell, force in zip(fit.problem.cells, along, strict=True)
+    ]
     return np.asarray(np.nan_to_num(np.concatenate(rows)))
 
 

@@ -94,13 +94,6 @@ class PrescribedMotion:
         return self.spline.transposed(by_coefficient) * self.sigma
 
 
-def prescribed_motion(record: Record) -> PrescribedMotion:
-    """The motion of the base of a record, smoothed at the level of its noise."""
-    values = record.channel(BASE_CHANNEL)
-    spline = smoothing_spline(values, record.rate)
-    return PrescribedMotion(spline, _SUBSTEPS, _sensor_noise(record, values, spline.value()[:, 0]))
-
-
 def _sensor_noise(record: Record, values: Floats, smooth: Floats) -> float:
     """Standard deviation in m of the noise of the displacement; that of a coarse resolution is what smoothing takes out."""
     stated = record.noise.get(BASE_CHANNEL)
@@ -115,14 +108,16 @@ _FEWEST = 32  # samples
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A load cell in a record: the numbers of the record and of its link, its channel, the places of the initial states of the
-    link among the unknowns, the motion, the elongation per displacement of the base, and the samples (N,), NaN where missing.
+    """A load cell in a record: the numbers of the record and of its link, its channel, the places among the unknowns of the
+    coefficients of the link that are `free` and of its initial `states`, the motion, the elongation per displacement of the
+    base, and the samples (N,), NaN where missing.
     """
 
     record: int
     link: int
     channel: Channel
-    places: slice
+    free: Mapping[str, int]
+    states: slice
     motion: PrescribedMotion
     sign: float
     measured: Floats
@@ -151,10 +146,11 @@ class RigProblem:
         return self.structure.parameters
 
     @cached_property
-    def certainty(self) -> Floats:
-        """(u,) one over the standard deviations to which unknowns are known beforehand."""
-        known = np.zeros(self.size)
-        known[: len(self.parameters)] = 1.0 / np.array([p.sigma for p in self.parameters])
+    def beforehand(self) -> Floats:
+        """(4, u) what is known of the unknowns: bounds, the most likely value, and one over its standard deviation."""
+        known = np.tile([[-np.inf], [np.inf], [0.0], [0.0]], self.size)
+        of_laws = [(p.lower, p.upper, p.start or 0.0, 1.0 / p.sigma) for p in self.parameters]
+        known[:, : len(of_laws)] = np.reshape(of_laws, (-1, 4)).T
         return known
 
     def with_substeps(self, substeps: int) -> RigProblem:
@@ -176,43 +172,34 @@ class RigProblem:
         """Those of all records; their initial states follow the other unknowns."""
         cells, first = [], len(self.parameters) + len(self.offsets)
         for number, (motion, forces) in enumerate(zip(self.motions, self.forces, strict=True)):
-            for link, channel in zip(self.links, self.sensors, strict=False):
-                places = slice(first, first + len(self.structure.links[link].law.states))
+            for link, force in sorted(forces.items()):
+                members = ((index, m) for index, p in enumerate(self.parameters) for m in p.members)
+                free = {key: index for index, (owner, key) in members if owner == link}
+                states = slice(first, first + len(self.structure.links[link].law.states))
                 sign = float(self.structure.base_incidence[link])
-                cells.append(Cell(number, link, channel, places, motion, sign, forces[link]))
-                first = places.stop
+                channel = cell_name(self.structure, link)
+                cells.append(Cell(number, link, channel, free, states, motion, sign, force))
+                first = states.stop
         return tuple(cells)
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return int(self.cells[-1].places.stop)
-
-    def values(self, link: int, unknowns: Floats) -> dict[str, float]:
-        """Values of the coefficients of a link."""
-        known = {k: c.value or 0.0 for k, c in self.structure.links[link].coefficients.items()}
-        for value, parameter in zip(unknowns, self.parameters, strict=False):
-            known |= {key: float(value) for index, key in parameter.members if index == link}
-        return known
+        return int(self.cells[-1].states.stop)
 
     def paths(self, unknowns: Floats, before: Sequence[LinkPath] | None = None) -> tuple[LinkPath, ...]:
         """The links along the motions; states are sought near those `before`, or from rest where that fails."""
         shift = self.offset(BASE_CHANNEL, unknowns)
-        paths = tuple(
-            LinkPath.of(
-                self.structure.links[cell.link].law, self.values(cell.link, unknowns),
-                cell.sign * (cell.motion.d - shift), cell.sign * cell.motion.v, cell.motion.step, unknowns[cell.places],
-                None if before is None or not before[number].converged else before[number].states,
-            )
-            for number, cell in enumerate(self.cells)
-        )  # fmt: skip
+        paths = []
+        for number, cell in enumerate(self.cells):
+            link, motion = self.structure.links[cell.link], cell.motion
+            values = {key: coefficient.value or 0.0 for key, coefficient in link.coefficients.items()}
+            values |= {key: float(unknowns[place]) for key, place in cell.free.items()}
+            d, v = cell.sign * (motion.d - shift), cell.sign * motion.v
+            near = None if before is None or not before[number].converged else before[number].states
+            paths.append(LinkPath.of(link.law, values, d, v, motion.step, unknowns[cell.states], near))
         settled = before is None or all(path.converged for path in paths)
-        return paths if settled else self.paths(unknowns)
-
-    def free(self, link: int) -> tuple[str, ...]:
-        """Coefficients of a link that are unknown."""
-        unknown = {key for p in self.parameters for index, key in p.members if index == link}
-        return tuple(key for key in self.structure.links[link].law.coefficients if key in unknown)
+        return tuple(paths) if settled else self.paths(unknowns)
 
     @cached_property
     def measured(self) -> Floats:
@@ -239,17 +226,14 @@ class RigProblem:
         """(R, u) derivatives of the modelled forces by the unknowns."""
         blocks = []
         for cell, path in zip(self.cells, paths, strict=True):
-            free = self.free(cell.link)
-            slopes = path.tangents(free).by_unknowns()[:: cell.motion.substeps]
+            slopes = path.tangents(tuple(cell.free)).by_unknowns()[:: cell.motion.substeps]
             block = np.zeros((len(slopes), self.size))
-            for column, parameter in enumerate(self.parameters):
-                for index, key in parameter.members:
-                    if index == cell.link:
-                        block[:, column] += slopes[:, free.index(key)]
+            for column, place in enumerate(cell.free.values()):
+                block[:, place] += slopes[:, column]
             for column, channel in enumerate(self.offsets, start=len(self.parameters)):
                 of_motion = channel == BASE_CHANNEL
                 block[:, column] = -cell.sign * slopes[:, -1] if of_motion else channel == cell.channel
-            block[:, cell.places] = slopes[:, len(free) : -1]
+            block[:, cell.states] = slopes[:, len(cell.free) : -1]
             block[~np.isfinite(cell.measured)] = 0.0
             blocks.append(block)
         return np.concatenate(blocks)
@@ -261,18 +245,10 @@ class RigProblem:
         for cell, path, own in zip(self.cells, paths, of_cells, strict=True):
             spread = np.zeros((len(path.d), weights.shape[1]))
             spread[:: cell.motion.substeps] = own
-            by_motion = path.tangents(self.free(cell.link)).to_motion(spread)
+            by_motion = path.tangents(tuple(cell.free)).to_motion(spread)
             part = cell.sign * cell.motion.noise_of(*by_motion)
             by_record[cell.record] = by_record.get(cell.record, 0.0) + part
         return np.concatenate([by_record[record] for record in sorted(by_record)])
-
-    @cached_property
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Bounds (u,) of the unknowns."""
-        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        low[: len(self.parameters)] = [p.lower for p in self.parameters]
-        high[: len(self.parameters)] = [p.upper for p in self.parameters]
-        return low, high
 
 
 def cell_name(structure: Structure, link: int) -> Channel:
@@ -315,7 +291,9 @@ def _motion_and_forces(record: Record, structure: Structure) -> tuple[Prescribed
                 f"{parameter.name} is unknown, but the record has no load cell of its link: give channel "
                 f"{cell_name(structure, unseen[0])}, the force in it"
             )
-    return prescribed_motion(record), cells
+    spline = smoothing_spline(values, record.rate)
+    noise = _sensor_noise(record, values, spline.value()[:, 0])
+    return PrescribedMotion(spline, _SUBSTEPS, noise), cells
 
 
 def cell_noise(records: Sequence[Record]) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -146,22 +146,15 @@ def _followed(
     middle = 0.5 * (along[:, :-1] + along[:, 1:])
     out = np.empty((len(law.states), batch, count, piece))
     states = np.full((len(law.states), batch, count), start)
-    rates = _Rates(law, values, states)
-    first, second, third, fourth = np.empty((4, *states.shape))
+    rates = _rates(law, values, states)
     for number in range(2 * piece - 1):
         if number >= piece:
             out[..., number - piece] = states
-        rates.after(states, first, 0.0, along[:, number], first)
-        rates.after(states, first, 0.5 * step, middle[:, number], second)
-        rates.after(states, second, 0.5 * step, middle[:, number], third)
-        rates.after(states, third, step, along[:, number + 1], fourth)
-        # states + step / 6 (first + 2 (second + third) + fourth), in place
-        np.add(second, third, second)
-        np.multiply(second, 2.0, second)
-        np.add(first, second, first)
-        np.add(first, fourth, first)
-        np.multiply(first, step / 6.0, first)
-        np.add(states, first, states)
+        first = rates(states, along[:, number])
+        second = rates(states + 0.5 * step * first, middle[:, number])
+        third = rates(states + 0.5 * step * second, middle[:, number])
+        fourth = rates(states + step * third, along[:, number + 1])
+        states = states + (first + 2.0 * (second + third) + fourth) * (step / 6.0)
     out[..., piece - 1] = states
     return out.reshape(len(law.states), batch, -1)[..., : len(d)]
 
@@ -205,26 +198,23 @@ def forget_start(
     return np.asarray(np.abs(nudged - plain).mean(axis=(0, 2)) <= _GROWN * _NUDGE)
 
 
-class _Rates:
-    """Rates (r, B, C) of states, like `like`, in arrays that all evaluations share: to be used where warnings are ignored."""
+def _rates(
+    law: Law, values: Mapping[str, float | Floats], like: Floats
+) -> Callable[[Floats, Floats], Floats]:
+    """What gives the rates (r, B, C) of states, like `like`, along the motion (2 + U, C) of the link, in arrays that all
+    evaluations share: to be used where warnings are ignored.
+    """
+    names = (*law.variables, *law.coefficients)
+    program = cached_program(tuple(rate.expression for rate in law.rates), names, wide=law.variables)
+    along = np.empty((2 + len(law.signals), *like.shape[1:]))
+    inside, rates = np.empty_like(like), np.empty_like(like)
+    numbers = (np.asarray(values[name], dtype=np.float64) for name in law.coefficients)
+    operations = program.into([*along[:2], *inside, *along[2:], *numbers], list(rates))
 
-    def __init__(self, law: Law, values: Mapping[str, float | Floats], like: Floats) -> None:
-        rates = tuple(rate.expression for rate in law.rates)
-        program = cached_program(rates, (*law.variables, *law.coefficients), wide=law.variables)
-        self._motion = np.empty((2 + len(law.signals), *like.shape[1:]))
-        self._inside, self._rates = np.empty_like(like), np.empty_like(like)
-        numbers = (np.asarray(values[name], dtype=np.float64) for name in law.coefficients)
-        given = [*self._motion[:2], *self._inside, *self._motion[2:], *numbers]
-        self._operations = program.into(given, list(self._rates))
-
-    def after(self, states: Floats, slopes: Floats, step: float, motion: Floats, out: Floats) -> None:
-        """To `out`: the rates along `motion` (2 + U, C) of the link, a step in s from `states` along `slopes`."""
-        self._motion[:] = motion[:, None]
-        if step:
-            np.multiply(slopes, step, self._inside)
-            np.add(states, self._inside, self._inside)
-        else:
-            self._inside[:] = states
-        for operation in self._operations:
+    def evaluated(states: Floats, motion: Floats) -> Floats:
+        inside[:], along[:] = states, motion[:, None]
+        for operation in operations:
             operation()
-        out[:] = self._rates
+        return rates.copy()
+
+    return evaluated

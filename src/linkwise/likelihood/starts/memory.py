@@ -18,7 +18,7 @@ low level a joint hardly slips.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TypeAlias
@@ -29,10 +29,10 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import Number, substitute, to_text
 from linkwise.likelihood.starts.drift import LinkSignals, link_signals
-from linkwise.likelihood.starts.kalman import LinearPart, tuned_modes, with_starts
+from linkwise.likelihood.starts.kalman import with_starts
 from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
 from linkwise.likelihood.starts.states import measured_motion
-from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, require_supported, smoothed_motion
+from linkwise.likelihood.starts.values import TOO_LITTLE, motion_by_tuned_modes, require_supported
 from linkwise.model.coefficient import MASS
 from linkwise.model.law import Law, unit_dimension
 from linkwise.model.parameters import Parameter
@@ -118,6 +118,15 @@ class Start:
 
     values: Floats
     misfit: float
+
+    @classmethod
+    def of(cls, structure: Structure, values: Mapping[str, float], misfit: float) -> Start:
+        """That of a structure, from values by name."""
+        return cls(np.array([values[p.name] for p in structure.parameters]), misfit)
+
+    def by_name(self, structure: Structure) -> dict[str, float]:
+        """The values by the names of the parameters of its structure."""
+        return {p.name: value for p, value in zip(structure.parameters, self.values.tolist(), strict=True)}
 
 
 FindStarts: TypeAlias = Callable[[Sequence[Record], Structure, Mapping[str, float]], tuple[Start, ...]]
@@ -209,16 +218,21 @@ class MemorySearch:
 
     def _forget_start(self, curved: Floats) -> Bools:
         """Whether the states of all links forget where they began, for each of B values (B, q)."""
-        forget = np.ones(len(curved), dtype=bool)
-        for number, link in enumerate(self.structure.links):
-            values = {key: value[:, None] for key, value in self._numbers(number, curved).items()}
-            forget &= forget_start(link.law, values, self._motion(number), self.step, len(curved))
-        return forget
+        forget = [forget_start(*link, self.step, len(curved)) for link in self._links(curved)]
+        return np.asarray(np.all(forget, axis=0))
 
-    def _motion(self, number: int) -> Floats:
-        """(2 + U, N) elongation and rate of a link, and the signals that its law names."""
-        signals = [self.signals[name] for name in self.structure.links[number].law.signals]
-        return np.stack([self.d[:, number], self.v[:, number], *signals])
+    def _links(self, curved: Floats) -> Iterator[tuple[Law, dict[str, Floats], Floats]]:
+        """Of each link its law, coefficients for each of B values (B, q) as (B, 1), 0 where the regression finds them, and
+        elongation, rate and signals (2 + U, N).
+        """
+        for number, link in enumerate(self.structure.links):
+            own = {key: coefficient.value or 0.0 for key, coefficient in link.coefficients.items()}
+            own |= {key: 0.0 for p in self.straight for index, key in p.members if index == number}
+            values = {key: np.full((len(curved), 1), value) for key, value in own.items()}
+            for column, parameter in enumerate(self.curved):
+                values |= {key: curved[:, [column]] for index, key in parameter.members if index == number}
+            signals = [self.signals[name] for name in link.law.signals]
+            yield link.law, values, np.stack([self.d[:, number], self.v[:, number], *signals])
 
     @cached_property
     def project(self) -> Callable[[Floats, int], Floats]:
@@ -268,9 +282,9 @@ class MemorySearch:
     def solved(self, curved: Floats) -> Start:
         """All parameters, and the part in power that is left."""
         (linear,), (left,) = self.regressed(curved[None])
-        values = {p.name: value for p, value in zip(self.curved, curved, strict=True)}
+        values: dict[str, float] = {p.name: value for p, value in zip(self.curved, curved, strict=True)}
         values |= {p.name: value for p, value in zip(self.straight, linear, strict=True)}
-        return Start(np.array([values[p.name] for p in self.structure.parameters]), float(np.mean(left**2)))
+        return Start.of(self.structure, values, float(np.mean(left**2)))
 
     def refined(self, trials: Floats) -> Floats:
         """Minima (B, q) near trials (B, q), by the method of Levenberg and Marquardt, all side by side."""
@@ -306,31 +320,16 @@ class MemorySearch:
     @np.errstate(all="ignore")  # values that are far off may leave the numbers; such a trial is the worst
     def regressed(self, curved: Floats) -> tuple[Floats, Floats]:
         """For each of B values (B, q) the linear parameters, and the rows that are left, relative to the forces."""
-        numbers = [self._numbers(number, curved) for number in range(len(self.structure.links))]
-        states = []
-        for number, (link, values) in enumerate(zip(self.structure.links, numbers, strict=True)):
-            own = {key: value[:, None] for key, value in values.items()}
-            states.append(follow_states(link.law, own, self._motion(number), self.step, len(curved)))
+        links = list(self._links(curved))
+        states = [follow_states(*link, self.step, len(curved)) for link in links]
         solved = [
             self._regressed(
-                [{key: float(value[k]) for key, value in link.items()} for link in numbers],
+                [{key: float(value[k, 0]) for key, value in values.items()} for _, values, _ in links],
                 [inside[:, k] for inside in states],
             )
             for k in range(len(curved))
         ]
         return np.stack([linear for linear, _ in solved]), np.stack([left for _, left in solved])
-
-    def _numbers(self, number: int, curved: Floats) -> dict[str, Floats]:
-        """Values (B,) of the coefficients of a link, 0 for those that the regression finds."""
-        values = {
-            key: np.full(len(curved), coefficient.value or 0.0)
-            for key, coefficient in self.structure.links[number].coefficients.items()
-        }
-        for column, parameter in enumerate(self.curved):
-            values |= {key: curved[:, column] for index, key in parameter.members if index == number}
-        for parameter in self.straight:
-            values |= {key: np.zeros(len(curved)) for index, key in parameter.members if index == number}
-        return values
 
     def _regressed(
         self, numbers: Sequence[Mapping[str, float]], states: Sequence[Floats]
@@ -348,12 +347,11 @@ class MemorySearch:
     @cached_property
     def _sizes_of_shown(self) -> dict[str, float]:
         """The size of what each channel of a link shows among the equations."""
-        return {
-            name: float(
-                np.std(self._projected_force(values) if name.startswith("f:") else self.project(values, 0))
-            )
-            for name, values in self.shown.items()
-        }
+        sizes = {}
+        for name, values in self.shown.items():
+            shown = self._projected_force(values) if name.startswith("f:") else self.project(values, 0)
+            sizes[name] = float(np.std(shown))
+        return sizes
 
     @cached_property
     def _slow_part(self) -> Floats:
@@ -391,39 +389,38 @@ class MemorySearch:
         place = {member: number for number, p in enumerate(self.straight) for member in p.members}
         count, links = self.d.shape
         force, slopes = np.zeros((count, links)), np.zeros((count, len(self.straight), links))
-        blocks, sides = [], []
+        blocks = []
         for number, link in enumerate(structure.links):
-            if not self.balanced.shape[1] and f"f:{link.name}" not in self.shown:
+            cell = f"f:{link.name}"
+            if not self.balanced.shape[1] and cell not in self.shown:
                 continue
-            d, v = self.d[:, number], self.v[:, number]
             inside = dict(zip(link.law.states, states[number], strict=True))
             for name, state in inside.items():
                 channel = f"state:{link.name}.{name}"
                 if channel in self.shown:
-                    shown, scale = self.shown[channel], self._sizes_of_shown[channel]
-                    row = self.project(state - shown, 0) / scale
-                    blocks.append(row)
-                    sides.append(np.zeros((len(row), len(self.straight))))
-                    inside[name] = shown
-            partials = link.law.partials(d, v, {**numbers[number], **self.signals, **inside})
+                    row = self.project(state - self.shown[channel], 0)
+                    none = np.zeros((len(row), len(self.straight)))
+                    blocks.append((row, none, self._sizes_of_shown[channel]))
+                    inside[name] = self.shown[channel]
+            along = {**numbers[number], **self.signals, **inside}
+            partials = link.law.partials(self.d[:, number], self.v[:, number], along)
             force[:, number] = partials.force
             for key, slope in partials.by_coefficient.items():
                 if (number, key) in place:
                     slopes[:, place[number, key], number] += slope
-            channel = f"f:{link.name}"
-            if channel in self.shown:
-                shown, scale = self.shown[channel], self._sizes_of_shown[channel]
-                blocks.append(self._projected_force(force[:, number] - shown) / scale)
-                sides.append(self._projected_force(slopes[:, :, number].copy()) / scale)
+            if cell in self.shown:
+                row = self._projected_force(force[:, number] - self.shown[cell])
+                side = self._projected_force(slopes[:, :, number].copy())
+                blocks.append((row, side, self._sizes_of_shown[cell]))
         for number, (inertia, value, scale) in enumerate(self._inertia):
             ends, applied = incidence[number], self.balanced[1, number]
-            block = self.project(force @ ends - applied, 0) + value * inertia
+            row = self.project(force @ ends - applied, 0) + value * inertia
             side = self.project(np.tensordot(slopes, ends, 1), 0)
             if (-1 - number, MASS) in place:
                 side[:, place[-1 - number, MASS]] += inertia
-            blocks.append(block / scale)
-            sides.append(side / scale)
-        return np.concatenate(blocks), np.concatenate(sides)
+            blocks.append((row, side, scale))
+        rows, sides = zip(*((row / scale, side / scale) for row, side, scale in blocks), strict=True)
+        return np.concatenate(rows), np.concatenate(sides)
 
 
 def _balanced(record: Record, structure: Structure, x: Floats) -> Floats:
@@ -490,65 +487,60 @@ def memory_starts_by_links(
     inferred = {f"f:{link.name}": force for link, force in zip(structure.links, signals.force, strict=True)}
     shown = _shown(record, inferred)
     shown |= {f"signal:{name}": record.channel(f"signal:{name}") for name in structure.signals}
-    by_group = [
-        (_alone(structure, group).parameters, _group_starts(structure, group, signals, shown, given))
-        for group in _connected(structure)
-    ]
+    groups = _groups(structure)
+    minima = [_group_starts(*group, signals, shown, given) for group in groups]
     starts = []
-    for rank in range(max(len(own) for _, own in by_group)):
-        chosen = [(parameters, own[min(rank, len(own) - 1)]) for parameters, own in by_group]
-        values = {
-            p.name: x for parameters, own in chosen for p, x in zip(parameters, own.values, strict=True)
-        }
-        misfit = float(np.mean([own.misfit for _, own in chosen]))
-        starts.append(Start(np.array([values[p.name] for p in structure.parameters]), misfit))
+    for rank in range(max(map(len, minima))):
+        chosen, values = [own[min(rank, len(own) - 1)] for own in minima], dict[str, float]()
+        for own, (alone, _) in zip(chosen, groups, strict=True):
+            values |= own.by_name(alone)
+        starts.append(Start.of(structure, values, float(np.mean([own.misfit for own in chosen]))))
     return tuple(starts)
 
 
-def _connected(structure: Structure) -> tuple[tuple[int, ...], ...]:
-    """Numbers of the links that have unknowns, those that share one together."""
+def _groups(structure: Structure) -> list[tuple[Structure, list[int]]]:
+    """The links that have unknowns as if they stood on a rig, those that share one together, and their numbers."""
     groups: list[set[int]] = []
     for parameter in structure.parameters:
-        links = {link for link, _ in parameter.members}
-        together = [group for group in groups if group & links]
-        groups = [group for group in groups if not group & links] + [links.union(*together)]
-    return tuple(tuple(sorted(group)) for group in groups)
-
-
-def _alone(structure: Structure, group: tuple[int, ...]) -> Structure:
-    """The links of a group on a rig."""
-    links = tuple(replace(structure.links[number], between=("base", "ground")) for number in group)
-    return replace(structure, masses=(), links=links)
+        numbers = {link for link, _ in parameter.members}
+        together = [group for group in groups if group & numbers]
+        groups = [group for group in groups if not group & numbers] + [numbers.union(*together)]
+    rigged = [replace(link, between=("base", "ground")) for link in structure.links]
+    return [
+        (replace(structure, masses=(), links=tuple(rigged[number] for number in group)), group)
+        for group in map(sorted, groups)
+    ]
 
 
 def _group_starts(
-    structure: Structure,
-    group: tuple[int, ...],
+    alone: Structure,
+    group: list[int],
     signals: LinkSignals,
     shown: Mapping[str, Floats],
     given: Mapping[str, float],
 ) -> tuple[Start, ...]:
     """Starts for the links of a group, with the filters that leave least of their forces."""
-    alone, chosen = _alone(structure, group), list(group)
     links = [link.name for link in alone.links]
     own = {name: values for name, values in shown.items() if Channel.parse(name).link in links}
     named = {name: shown[f"signal:{name}"] for name in alone.signals}
 
     def search(cutoff: float) -> MemorySearch:
-        d, v = signals.d[chosen], signals.v[chosen]
+        d, v = signals.d[group], signals.v[group]
         d, v = _without_drift(d, v, signals.step, cutoff) if cutoff else (d, v)
         cosines = int(2.0 * cutoff * signals.step * len(d.T)) + bool(cutoff)
         return MemorySearch(alone, signals.step, d.T, v.T, own, given, named, slow=cosines)
 
-    if not signals.integration_order[chosen].any():
+    if not signals.integration_order[group].any():
         return search(0.0).minima()[:_MOST]
     highest = min(
         drift_frequency(np.gradient(signals.v[number], signals.step), 1.0 / signals.step) for number in group
     )
-    searches = sorted((search(part * highest) for part in _CUTOFFS), key=lambda search: search.rough().misfit)
-    rough, refined = searches[0].rough(), searches[0].minima()[0]
+    searches = [search(part * highest) for part in _CUTOFFS]
+    tried = sorted(((own.rough(), own) for own in searches), key=lambda one: one[0].misfit)
+    (rough, best), (second, _), *_ = tried
+    refined = best.minima()[0]
     first = (refined, rough) if refined.misfit < _WORTHWHILE * rough.misfit else (rough, refined)
-    return *first, searches[1].rough()
+    return *first, second
 
 
 def _without_drift(d: Floats, v: Floats, step: float, cutoff: float) -> tuple[Floats, Floats]:
@@ -598,15 +590,22 @@ def host_memory_starts(
     """
     record = _liveliest(records)
     require_supported(record, structure)
-    record, sigma = record[:MOST_SAMPLES], channel_noise(record)
-    structure = with_starts(structure, dict(given))
+    record, structure = record[:MOST_SAMPLES], with_starts(structure, dict(given))
     try:
-        tuned = tuned_modes(record, structure, sigma)
-        linear = LinearPart.of(with_starts(structure, tuned))
-        motion = smoothed_motion(record, linear, sigma)
-        return _motion_starts(motion, record, structure, {**given, **tuned})
+        motion, tuned = motion_by_tuned_modes(record, structure)
+        given = {**given, **tuned}
+        fixed = {  # of modes and masses, of which the smoother needs numbers
+            p.name: given.get(p.name, p.start) or 0.0
+            for p in structure.parameters
+            if not any(link in motion.open for link, _ in p.members)
+        }
+        inferred = {f"f:{structure.links[k].name}": motion.signals.force[k] for k in motion.open}
+        d, v, shown = motion.signals.d.T, motion.signals.v.T, _shown(record, inferred)
+        search = MemorySearch(structure.with_values(fixed), record.step, d, v, shown, given, {})
+        minima = search.minima()
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
+    return tuple(Start.of(structure, fixed | own.by_name(search.structure), own.misfit) for own in minima)
 
 
 def _liveliest(records: Sequence[Record]) -> Record:
@@ -615,30 +614,6 @@ def _liveliest(records: Sequence[Record]) -> Record:
     return records[
         int(np.argmax((powers / np.maximum(powers.max(axis=0), np.finfo(float).tiny)).sum(axis=1)))
     ]
-
-
-def _motion_starts(
-    motion: HostMotion,
-    record: Record,
-    structure: Structure,
-    given: Mapping[str, float],
-) -> tuple[Start, ...]:
-    """Starts along one motion, in all parameters of the structure; those in no open link keep their starts."""
-    fixed: dict[str, float] = {}
-    for parameter in structure.parameters:
-        if not any(link in motion.open for link, _ in parameter.members):
-            start = given.get(parameter.name, parameter.start)
-            assert start is not None  # which the smoother needs of modes and masses
-            fixed[parameter.name] = start
-    inferred = {f"f:{structure.links[k].name}": motion.signals.force[k] for k in motion.open}
-    valued = structure.with_values(fixed) if fixed else structure
-    d, v = motion.signals.d.T, motion.signals.v.T
-    search = MemorySearch(valued, record.step, d, v, _shown(record, inferred), given, {})
-    starts = []
-    for found in search.minima():
-        values = fixed | dict(zip((p.name for p in search.structure.parameters), found.values, strict=True))
-        starts.append(Start(np.array([values[p.name] for p in structure.parameters]), found.misfit))
-    return tuple(starts)
 
 
 def _are_apart(first: Floats, second: Floats, part: float) -> bool:

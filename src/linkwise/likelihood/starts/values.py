@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -408,8 +409,11 @@ def host_start(record: Record, structure: Structure, given: Mapping[str, float])
     """
     require_supported(record, structure)
     stated = with_starts(structure, {name: v for name, v in given.items() if not name.endswith(".mass")})
+    shapes = [p for p in structure.parameters if p.name.is_shape or is_between_modes(p.name)]
+    known = {p.name: p.start for p in shapes if p.start is not None} | dict(given)
     try:
-        values = _start_by_forces(record, stated, given)
+        motion, tuned = motion_by_tuned_modes(record, stated)
+        values = start_of_links(motion.signals, stated, given, motion.open) | known | tuned
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
     missing = [p.name for p in structure.parameters if p.name not in values]
@@ -417,12 +421,9 @@ def host_start(record: Record, structure: Structure, given: Mapping[str, float])
         raise IdentificationError(
             f"no starting value for {', '.join(missing)}: state {{ start = ... }} for it in the structure"
         )
-    of_modes = [
-        p.name for p in structure.parameters if p.name.owner in structure.mass_names and not p.name.is_shape
-    ]
-    valued = LinearPart.of(with_starts(structure, {name: values[name] for name in of_modes}))
-    values = stable_starts(valued, values, given, record.rate)
-    return {p.name: values[p.name] for p in structure.parameters}
+    of_modes = {p.name for p in structure.parameters if p.name.owner in structure.mass_names}
+    valued = with_starts(structure, {name: values[name] for name in of_modes if not name.is_shape})
+    return stable_starts(LinearPart.of(valued), values, given, record.rate)
 
 
 TOO_LITTLE = (
@@ -453,15 +454,11 @@ def require_supported(record: Record, structure: Structure) -> None:
     require_placed(record, structure)
 
 
-def _start_by_forces(record: Record, structure: Structure, given: Mapping[str, float]) -> dict[str, float]:
-    """Values by forces of links along the motion that the laws explain best."""
+def motion_by_tuned_modes(record: Record, structure: Structure) -> tuple[HostMotion, dict[str, float]]:
+    """The motion of a structure whose modes have numbers or starts, and the values of unknown modes that explain it best."""
     sigma = channel_noise(record)
     tuned = tuned_modes(record, structure, sigma)
-    linear = LinearPart.of(with_starts(structure, tuned))
-    shapes = [p for p in structure.parameters if p.name.is_shape or is_between_modes(p.name)]
-    known = {p.name: p.start for p in shapes if p.start is not None} | dict(given) | tuned
-    motion = smoothed_motion(record, linear, sigma)
-    return start_of_links(motion.signals, structure, given, motion.open) | known
+    return smoothed_motion(record, LinearPart.of(with_starts(structure, tuned)), sigma), tuned
 
 
 _NAMED = 6  # parameters that a message names
@@ -510,92 +507,81 @@ def starting_values(
     }
     firm = {name: prior for name, prior in priors.items() if prior[1] <= _FIRM * abs(prior[0])}
     try:
-        return _beside_priors(records, structure, given, firm)
+        found = _beside(records, structure, given, firm)
     except IdentificationError:
         if len(firm) == len(priors):
             raise
-    return _beside_priors(records, structure, given, priors)
+        found = _beside(records, structure, given, priors)
+    values, deviations = np.array([found[p.name] for p in structure.parameters]).reshape(-1, 2).T
+    return values, None if np.isnan(deviations).any() else deviations
 
 
-def _beside_priors(
-    records: Sequence[Record],
-    structure: Structure,
-    given: Mapping[str, float],
-    priors: Mapping[str, tuple[float, float]],
-) -> tuple[Floats, Floats | None]:
-    """Starting values, with `priors` at their most likely values, which come with standard deviations.
+_Values: TypeAlias = dict[
+    str, tuple[float, float]
+]  # and their standard deviations, NaN where not known, by name
+
+
+def _beside(
+    records: Sequence[Record], structure: Structure, given: Mapping[str, float], held: _Values
+) -> _Values:
+    """Starting values beside some that are held, with which the forces of others are known.
 
     Raises IdentificationError where a mass has none above zero.
     """
-    reduced = structure.with_values({name: value for name, (value, _) in priors.items()})
-    values, deviations = (
-        _values(records, reduced, given) if reduced.parameters else (np.zeros(0), np.zeros(0))
-    )
-    spread = np.full(len(values), np.nan) if deviations is None else deviations
-    found = zip(values.tolist(), spread.tolist(), strict=True)
-    both = {**priors, **dict(zip((p.name for p in reduced.parameters), found, strict=True))}
-    starts, deviated = np.array([both[p.name] for p in structure.parameters]).reshape(-1, 2).T
-    for parameter, value in zip(structure.parameters, starts.tolist(), strict=True):
-        if not value > 0.0 and _is_mass(parameter):
+    reduced = structure.with_values({name: value for name, (value, _) in held.items()})
+    found = held | (_values(records, reduced, given) if reduced.parameters else {})
+    for parameter in filter(_is_mass, structure.parameters):
+        value, _ = found[parameter.name]
+        if not value > 0.0:
             raise IdentificationError(
                 f"no starting value for {parameter.name}: what the record gives first is {value:.3g} {parameter.unit}, as "
                 "noise can make it. State { start = ... } for it in the structure"
             )
-    return starts, None if deviations is None else deviated
+    return found
 
 
 def _is_mass(parameter: Parameter) -> bool:
     return any(key == MASS for _, key in parameter.members)
 
 
-def _values(
-    records: Sequence[Record],
-    structure: Structure,
-    given: Mapping[str, float],
-) -> tuple[Floats, Floats | None]:
-    parameters = structure.parameters
-    known: dict[str, float] = {p.name: p.start for p in parameters if p.start is not None} | dict(given)
+def _values(records: Sequence[Record], structure: Structure, given: Mapping[str, float]) -> _Values:
+    names: list[str] = [p.name for p in structure.parameters]
+    known: dict[str, float] = {p.name: p.start for p in structure.parameters if p.start is not None}
+    known |= given
 
-    def of(values: Mapping[str, float]) -> tuple[Floats, None]:
-        return np.array([values[p.name] for p in parameters]), None
+    def of(values: Mapping[str, float], names: Iterable[str] = names) -> _Values:
+        return {name: (values[name], np.nan) for name in names}
 
-    def beside(fixed: Mapping[str, float]) -> dict[str, float]:
-        """All starts beside some that are held, with which the forces of others are known."""
-        valued = structure.with_values(fixed)
-        others = _values(records, valued, given)[0]
-        return {**fixed, **dict(zip((p.name for p in valued.parameters), others.tolist(), strict=True))}
-
-    if all(p.name in given for p in parameters):
+    if given.keys() >= set(names):
         return of(given)
     if structure.hosts:
         return of(host_start(records[0], structure, known))
     if needs_integration(records[0], structure):
         signals = link_signals(records[0], structure, channel_noise(records[0]))
         return of(known | start_of_links(signals, structure, known, range(len(structure.links))))
-    start, missing = dict(known), list[str]()
-    integrated, deviations = _integrated(records, structure), None
+    integrated, deviations, missing = _integrated(records, structure), list[float](), list[str]()
     try:
         with one_blas_thread():
-            estimated, deviations = _best_weak_fit(integrated or records, structure, known)
-        start |= zip((p.name for p in parameters), estimated.tolist(), strict=True)
-        start |= given
+            fit = _best_weak_fit(integrated or records, structure, known)
+        deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0)).tolist()
+        known |= {**dict(zip(names, fit.values.tolist(), strict=True)), **given}
     except IdentificationError as error:
         failure = error
-        missing = [p.name for p in parameters if p.name not in known]
+        missing = [name for name in names if name not in known]
         if not missing:
             return of(known)
-    guessed = _guessed_masses(
-        records[0], structure, [p.name for p in parameters if not start.get(p.name, 0.0) > 0.0]
-    )
-    if guessed and len(guessed) < len(missing or parameters):
-        return of(beside(guessed))
-    weighed: dict[str, float] = {p.name: start.get(p.name, 0.0) for p in parameters if _is_mass(p)}
+    guessed = _guessed_masses(records[0], structure, [n for n in names if not known.get(n, 0.0) > 0.0])
+    if guessed and len(guessed) < len(missing or names):
+        return _beside(records, structure, given, of(guessed, guessed))
+    weighed: dict[str, float] = {p.name: known.get(p.name, 0.0) for p in structure.parameters if _is_mass(p)}
+    # with which the forces of links are known, while elongations drift
     if integrated and weighed and needs_integration(records[0], structure.with_values(weighed)):
-        return of(beside(weighed))  # with which the forces of links are known, while elongations drift
-    if not missing:
-        return of(start)[0], None if integrated else deviations  # integration takes more than noise from them
-    if len(missing) < len(parameters):  # a hidden mass hides its own links, not those of others
-        return of(beside({p.name: known[p.name] for p in parameters if p.name in known}))
+        return _beside(records, structure, given, of(weighed, weighed))
+    if not missing:  # integration takes more than noise from deviations
+        spread = np.full(len(names), np.nan) if integrated else deviations
+        return {name: (known[name], own) for name, own in zip(names, spread, strict=True)}
+    if len(missing) < len(names):  # a hidden mass hides its own links, not those of others
+        return _beside(records, structure, given, of(known, [name for name in names if name in known]))
     more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
     raise IdentificationError(
         f"no starting value for {', '.join(missing[:_NAMED])}{more}: the weak form, which would estimate one, fails "
@@ -632,9 +618,7 @@ def _integrated(records: Sequence[Record], structure: Structure) -> list[Record]
     return [with_displacements(r, structure.masses) for r in records] if measured and not displaced else []
 
 
-def _best_weak_fit(
-    records: Sequence[Record], structure: Structure, known: Mapping[str, float]
-) -> tuple[Floats, Floats]:
+def _best_weak_fit(records: Sequence[Record], structure: Structure, known: Mapping[str, float]) -> WeakFit:
     """The weak fit with the smallest standard deviations, in the geometric mean, among those to each of the records.
 
     Short gaps are bridged where no record has enough windows without one.
@@ -650,5 +634,4 @@ def _best_weak_fit(
                 failures.append(error)
     if not fits:
         raise failures[0]
-    best = min(fits, key=lambda fit: float(np.mean(np.log(np.maximum(fit.covariance.diagonal(), tiny)))))
-    return best.values, np.sqrt(np.maximum(best.covariance.diagonal(), 0.0))
+    return min(fits, key=lambda fit: float(np.mean(np.log(np.maximum(fit.covariance.diagonal(), tiny)))))
