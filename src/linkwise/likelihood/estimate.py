@@ -228,13 +228,13 @@ class MaximumLikelihood(AskedFor, Estimator):
 
     def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of a structure whose masses move."""
+        if structure.hosts:
+            advice = "put its mean into the law as a coefficient"
+            refuse_signals(structure.links, "structures with hosts", advice)
         for record in records:
             require_units_of_states(record, structure)
             _refuse_dead(record)
             if structure.hosts:
-                refuse_signals(
-                    structure.links, "structures with hosts", "put its mean into the law as a coefficient"
-                )
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
         errors = errors_to_find(records, self)
@@ -250,26 +250,26 @@ class MaximumLikelihood(AskedFor, Estimator):
             progress=progress,
         )
         admitted = self._admitted
+        alone = self.as_stated or bool(admitted)
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
             refuse_beside_random_forces(errors, admitted, robust=robust, records=records)
 
         def answer(structure: Structure, options: LikelihoodOptions, records: Sequence[Record]) -> Estimate:
+            def report(fit: LikelihoodFit, records: Sequence[Record]) -> Estimate:
+                return estimate_of(structure, _smoothest(structure, fit, records), records)
+
             search = partial(self._search, structure)
             driven, options = with_harmonics(search, records, options)
-            finish = partial(_smoothest, structure)
-            report = partial(estimate_of, structure)
-            return answer_with_sensors(search, driven, options, admitted, report, finish=finish)
+            return answer_with_sensors(search, driven, options, admitted, report)
 
         try:
             stated = answer(structure, options, records)
         except IdentificationError as refusal:
-            if self.as_stated or admitted or refusal.arguments:  # of what was asked, no matter of the records
+            if alone or refusal.arguments:  # of what was asked, no matter of the records
                 raise
             return beside_exchange(answer, structure, options, records, refusal)
-        if self.as_stated or admitted:
-            return stated
-        return explained_answer(stated, answer, structure, options, records)
+        return stated if alone else explained_answer(stated, answer, structure, options, records)
 
     def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
@@ -309,9 +309,7 @@ class MaximumLikelihood(AskedFor, Estimator):
         if lost and (noisier := _with_noise_of_quiet(records)) is not None:
             fit = self._searched(structure, noisier, options)
             noisier = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
-            names = fit.segments.system.parameters.names
-            found = dict(zip(names, fit.values.tolist(), strict=True))
-            fit = replace(self, starts=found)._searched(structure, noisier, options)
+            fit = replace(self, starts=fit.by_name)._searched(structure, noisier, options)
         for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
             errors = with_denoised(fit, records, options.errors)
             fit = self._searched(structure, records, replace(options, errors=errors))
@@ -322,9 +320,7 @@ class MaximumLikelihood(AskedFor, Estimator):
     ) -> LikelihoodFit:
         if structure.topology.states or structure.signals:
             return self._with_memory(structure, records, options)
-        if structure.hosts or needs_integration(
-            framed(records[0], structure, integrated=True).record, structure
-        ):
+        if not _shows_motion(records[0], structure):
             return self._from_forces(structure, records, options)
         theta, spread = starting_values(_about_rest(records, options.errors), structure, self.starts)
         search = partial(likelihood_fit, records, structure)
@@ -406,10 +402,9 @@ class MaximumLikelihood(AskedFor, Estimator):
         alone = self._searched(held, bare, replace(options, errors=errors))
         followed = _along(alone, framed_records(records, structure, integrated=True), structure)
         best = memory_starts(followed, structure, dict(self.starts or {}))[0].values
-        if alone.interrupted:
-            fit = likelihood_fit(records, structure, best, options=replace(options, steps=1))
-            return replace(fit, status=alone.status)
-        return likelihood_fit(records, structure, best, options=options)
+        steps = 1 if alone.interrupted else options.steps
+        fit = likelihood_fit(records, structure, best, options=replace(options, steps=steps))
+        return replace(fit, status=alone.status) if alone.interrupted else fit
 
 
 def _along(fit: LikelihoodFit, framed_ones: Sequence[Record], structure: Structure) -> list[Record]:
@@ -451,20 +446,23 @@ def _refuse_dead(record: Record) -> None:
 def _about_rest(records: Sequence[Record], errors: Sequence[Term]) -> list[Record]:
     """The records with what channels of unknown offset show on average taken off, which may dwarf the motion."""
     unknown = [one.channel for one in of_kind(errors, Offset) if np.isinf(one.deviation)]
-    moved = []
-    for record in records:
-        columns = [record.channels.index(name) for name in unknown if name in record.channels]
-        values = record.values.copy()
+    columns = [name in unknown for name in records[0].channels]
+    moved = [record.values.copy() for record in records]
+    for values in moved:
         values[:, columns] -= np.nanmean(values[:, columns], axis=0)
-        moved.append(replace(record, values=values))
-    return moved
+    return [replace(record, values=values) for record, values in zip(records, moved, strict=True)]
+
+
+def _shows_motion(record: Record, structure: Structure) -> bool:
+    """Whether the motion of all masses follows from channels without inverse dynamics, and so without starts of laws."""
+    return not structure.hosts and not needs_integration(
+        framed(record, structure, integrated=True).record, structure
+    )
 
 
 def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Record]) -> LikelihoodFit:
     """The fit, or of motion that the records show directly, the closest one to exact laws whose likelihood is quadratic."""
-    if structure.topology.states or structure.signals or structure.hosts:
-        return fit
-    if needs_integration(framed(records[0], structure, integrated=True).record, structure):
+    if structure.topology.states or structure.signals or not _shows_motion(records[0], structure):
         return fit
 
     def refit(values: Floats, nodes: Floats, q: float) -> LikelihoodFit:
@@ -500,10 +498,10 @@ def estimate_of(
     not tell a gain.
     """
     require_told(fit)
-    identified, fit = with_values(structure, fit), with_limits(fit)
+    fit = with_limits(fit)
     structures = (structure,) if offered is None else (offered, structure)
-    examined = Examined(fit, identified, structures, records, searched=offered is not None)
-    judgement = judge(examined)
+    examined = Examined(fit, structures, records, searched=offered is not None)
+    judgement, identified = judge(examined), examined.identified
     residuals = fit.misfit.residuals
     approximate, judgement = _approximated(fit, judgement) if offered is None else (None, judgement)
     if approximate is not None:
@@ -515,7 +513,7 @@ def estimate_of(
     of_sensors = (*sensor_errors(fit, units), *frequencies)
     of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find
     tested = None if approximate or judgement.verdict.forbids else examined.diagnosis.tested
-    unseen = unseen_terms(fit, identified, tested, covariance, terms=of_terms)
+    unseen = unseen_terms(fit, tested, covariance, terms=of_terms)
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),

@@ -5,7 +5,7 @@ It refuses gains of channels that the records do not tell, as of all that they s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -32,6 +32,7 @@ from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, Anneal
 from linkwise.likelihood.shooting.residuals import Misfit, with_bounds_for
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.terms import Delay, Found, Gain, HighPass, Term, Unknown
+from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
@@ -174,6 +175,16 @@ class LikelihoodFit:
         """(p,) the estimates."""
         return self.optimum.point.theta
 
+    @property
+    def names(self) -> Sequence[Name]:
+        """Those of the parameters."""
+        return self.segments.system.parameters.names
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The estimates by the names of the parameters."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
+
     @cached_property
     def segments(self) -> Segments:
         """The records in segments."""
@@ -240,8 +251,7 @@ class LikelihoodFit:
 
 def with_values(structure: Structure, fit: LikelihoodFit) -> Structure:
     """The structure with the values of a fit."""
-    names = fit.segments.system.parameters.names
-    return structure.with_values(dict(zip(names, fit.values.tolist(), strict=True)))
+    return structure.with_values(fit.by_name)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may run to infinity; what it gives is checked
@@ -280,47 +290,24 @@ def likelihood_fit(
     """
     options = options or LikelihoodOptions()
     sensing = SensorModel.of(options.errors, options.random, records, structure)
-    records = [frame.record for frame in sensing.frames]
-    if options.random:
-        sparse = False
-    elif options.nodes is None:
-        sparse = is_sparse(records)
-    else:
-        sparse = options.nodes.shape[-1] == sum(map(len, records))
-    if not sparse:
+    records, nodes = [frame.record for frame in sensing.frames], options.nodes
+    sparse = is_sparse(records) if nodes is None else nodes.shape[-1] == sum(map(len, records))
+    if options.random or not sparse:
         return _fit(records, structure, theta, spread, sensing, options)
-    fitted = partial(_fit, records, structure)
-    return _fit_of_sparse(fitted, [len(record) for record in records], theta, spread, sensing, options)
-
-
-def _fit_of_sparse(
-    fitted: Callable[..., LikelihoodFit],
-    lengths: Sequence[int],
-    theta: Floats,
-    spread: Floats | None,
-    sensing: SensorModel,
-    options: LikelihoodOptions,
-) -> LikelihoodFit:
-    """The fit of exact laws to sparse samples of records of some `lengths`, or one with a model error if it leaves more.
-
-    The latter has segments of several samples: a model error of every single one could hardly be told from noise.
-    """
-    start = theta, spread, options.nodes
+    # exact laws, or where they leave more a model error, in segments of several samples: one of every single sample could
+    # hardly be told from noise
     if options.relaxation is None:
         strict = replace(options, model_error=False)
-        exact = fitted(theta, spread, replace(sensing, sparse=True), strict)
-        converged = exact.status is AnnealingStatus.CONVERGED
-        stopped = exact.status is AnnealingStatus.INTERRUPTED
-        if not options.model_error or stopped or (converged and not exact.chi_square_off):
+        exact = _fit(records, structure, theta, spread, replace(sensing, sparse=True), strict)
+        if not options.model_error or exact.interrupted or (exact.converged and not exact.chi_square_off):
             return exact
-        if converged:
-            start = exact.values, spread, exact.optimum.point.nodes
-    theta, spread, nodes = start
+        if exact.converged:
+            theta, nodes = exact.values, exact.optimum.point.nodes
     if nodes is not None:
-        ends = np.cumsum([0, *lengths])
+        ends = np.cumsum([0, *map(len, records)])
         firsts = [np.arange(first, last, SAMPLES) for first, last in pairwise(ends)]
         nodes = nodes[..., np.concatenate(firsts)]
-    return fitted(theta, spread, sensing, replace(options, nodes=nodes))
+    return _fit(records, structure, theta, spread, sensing, replace(options, nodes=nodes))
 
 
 def with_denoised(fit: LikelihoodFit, records: Sequence[Record], errors: Sequence[Term]) -> tuple[Term, ...]:
@@ -458,23 +445,27 @@ def motion_of_links(
     """
     records = framed_records(records, identified, integrated=True)
     segments, samples = fit.segments, len(fit.segments.samples)
-    states = fit.misfit.trajectories.states[segments.at_samples]
-    x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)
-    v = (states[:, 1] / segments.step).transpose(2, 0, 1).reshape(-1, identified.size)
     whole = [-(-len(record) // samples) * samples for record in records]
     firsts = np.cumsum([0, *whole[:-1]])
     own = np.concatenate([first + np.arange(len(one)) for first, one in zip(firsts, records, strict=True)])
+
+    def at_samples(values: Floats) -> Floats:
+        """(N, ...) values (M, ..., K) in segments at the samples of all records."""
+        return np.asarray(values.transpose(2, 0, 1).reshape(sum(whole), -1)[own])
+
+    states = fit.misfit.trajectories.states[segments.at_samples]
+    x, v = at_samples(states[:, 0]), at_samples(states[:, 1] / segments.step)
     base = rate = None
     if "x:base" in records[0].channels:
         base = np.concatenate([record.channel("x:base") for record in records])
         rate = np.concatenate([np.gradient(record.channel("x:base"), record.step) for record in records])
-    d, rates = identified.elongations(x[own], base), identified.elongations(v[own], rate)
-    memory = fit.misfit.trajectories.memory[segments.at_samples]
-    inside, count = memory.transpose(2, 0, 1).reshape(len(x), -1)[own].T, len(segments.system.states)
+    d, rates = identified.elongations(x, base), identified.elongations(v, rate)
+    inside = at_samples(fit.misfit.trajectories.memory[segments.at_samples]).T
+    count = len(segments.system.states)
     of_links = zip(segments.system.states, inside[:count], strict=True)
     signals = dict(zip(segments.inputs.signals, inside[count:], strict=True))
     left = fit.misfit.residuals if judged is None else judged
-    remains = np.where(segments.observed, left, np.nan).transpose(2, 0, 1).reshape(len(x), -1)[own]
+    remains = at_samples(np.where(segments.observed, left, np.nan))
     return LinkMotion(
         structure=identified,
         time=np.concatenate([record.time for record in records]),

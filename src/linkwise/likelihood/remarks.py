@@ -48,7 +48,7 @@ def fit_remarks(
     tuple of str
         Sentences on random forces, on sensors, with standard errors, and on other values that are as likely.
     """
-    names = fit.segments.system.parameters.names
+    names = fit.names
     tied = [
         "Another set of values explains the records as well: "
         f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
@@ -87,7 +87,7 @@ def inseparable(fit: LikelihoodFit) -> tuple[str, ...]:
         return ()
     free = np.flatnonzero(fit.free)
     inflation = inflation_beside_others(fit.covariance)[free]
-    names = [fit.segments.system.parameters.names[column] for column in free[inflation > _INSEPARABLE]]
+    names = [fit.names[column] for column in free[inflation > _INSEPARABLE]]
     if len(names) < 2:
         return ()
     return (

@@ -10,7 +10,6 @@ which a single change hardly touches (von Neumann, Annals of Mathematical Statis
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -66,17 +65,12 @@ def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
         return None
     # beside what laws lack, in words, if that shows it
     explained = f"{beside}, one value" if beside else "One value"
-    return replace(
-        before,
-        verdict=Verdict.COEFFICIENT_CHANGES,
-        message=(
-            f"{explained} of {change.where} does not explain all of the record: {change.description} would lower -2 log "
-            f"likelihood by {change.gain:.3g}, more than any missing term or error of a sensor. An interval would include "
-            "neither value: identify the parts of the record before and after it by themselves."
-        ),
-        diagnosis=(change, *before.diagnosis),
-        added={},
+    message = (
+        f"{explained} of {change.where} does not explain all of the record: {change.description} would lower -2 log "
+        f"likelihood by {change.gain:.3g}, more than any missing term or error of a sensor. An interval would include "
+        "neither value: identify the parts of the record before and after it by themselves."
     )
+    return before.overruled(Verdict.COEFFICIENT_CHANGES, message, change)
 
 
 def likeliest_change(

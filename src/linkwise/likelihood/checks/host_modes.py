@@ -53,13 +53,8 @@ def modes_of_hosts(of: Examined, before: Judgement) -> Judgement | None:
         "its sensors: state that mode, or keep it of the matrices"
         for cause in causes
     ]
-    return replace(
-        before,
-        verdict=Verdict.UNEXPLAINED_FORCES,
-        message=f"The structure does not explain the record: {'; '.join(parts)}.",
-        diagnosis=(*causes, *before.diagnosis),
-        is_final=True,
-    )
+    message = f"The structure does not explain the record: {'; '.join(parts)}."
+    return before.overruled(Verdict.UNEXPLAINED_FORCES, message, *causes, is_final=True)
 
 
 def _lacking_modes(of: Examined) -> Iterator[Cause]:

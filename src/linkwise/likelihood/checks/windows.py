@@ -8,7 +8,7 @@ nonlinear motion the amplitudes are wrong by then as well, which explains less t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -93,17 +93,11 @@ def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     error = np.sqrt(scatter / np.sum(2.0 * levels.samples * (levels.part - 0.5) ** 2))
     rate = float(_FALLS[best] / records[0].duration)
     cause = Cause(WINDOW, "all channels", rate, "1/s", gain, float(error / records[0].duration))
-    return replace(
-        before,
-        verdict=Verdict.MEASUREMENT_ERROR,
-        message=(
-            f"What is left falls along the record as noise does behind {cause.description}, which would lower -2 log "
-            f"likelihood by {gain:.3g}. It counts as damping of a motion that decays: divide all channels by it, or record "
-            "without it."
-        ),
-        diagnosis=(cause,),
-        added={},
+    message = (
+        f"What is left falls along the record as noise does behind {cause.description}, which would lower -2 log likelihood "
+        f"by {gain:.3g}. It counts as damping of a motion that decays: divide all channels by it, or record without it."
     )
+    return Judgement(Verdict.MEASUREMENT_ERROR, message, before.model_error, (cause,))
 
 
 def _levels(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[tuple[Floats, Floats, Floats, Floats]]:
