@@ -300,27 +300,29 @@ def require_force_scale(
 
     Forces of `unknown_gains`, of which nothing is known, would change with them.
     """
-    if structure.hosts or not all(link.law.is_plain for link in structure.links):
-        return
     channels = dict.fromkeys(name for record in records for name in record.channels)
     forces = [name for name in channels if name.kind in ("force", "f")]
-    if not set(forces) <= set(unknown_gains):
-        return
-    if any(parameter.sigma < np.inf for parameter in structure.parameters):
-        return
     free = {member for parameter in structure.parameters for member in parameter.members}
-    if all((-1 - index, MASS) in free for index in range(len(structure.masses))) and all(
-        _scales(link, {name for index, name in free if index == number})
-        for number, link in enumerate(structure.links)
-    ):
-        if not forces:
-            raise IdentificationError(NO_FORCE_SCALE)
-        raise IdentificationError(
-            f"nothing tells the gain of {', '.join(forces)}: every mass and coefficient is unknown, and a larger force on "
-            "larger ones makes the same motion. Give one mass or coefficient a number, or state how well the gain is known, "
-            "by a calibration",
-            arguments=("calibration",),
+    told = (
+        structure.hosts
+        or not set(forces) <= set(unknown_gains)
+        or any(parameter.sigma < np.inf for parameter in structure.parameters)
+        or not all((-1 - index, MASS) in free for index in range(len(structure.masses)))
+        or not all(
+            link.law.is_plain and _scales(link, {name for index, name in free if index == number})
+            for number, link in enumerate(structure.links)
         )
+    )
+    if told:
+        return
+    if not forces:
+        raise IdentificationError(NO_FORCE_SCALE)
+    raise IdentificationError(
+        f"nothing tells the gain of {', '.join(forces)}: every mass and coefficient is unknown, and a larger force on larger "
+        "ones makes the same motion. Give one mass or coefficient a number, or state how well the gain is known, by a "
+        "calibration",
+        arguments=("calibration",),
+    )
 
 
 def _scales(link: Link, free: set[str]) -> bool:

@@ -45,6 +45,12 @@ _BINS = 15  # of a spectrum, over which its power is averaged
 _TINY = float(np.finfo(float).tiny)
 
 
+def numbers_by_channel(stated: Stated) -> dict[str, float | None]:
+    """The numbers that are stated, None where one is not."""
+    names = (stated,) if isinstance(stated, str) else stated or ()
+    return dict(names) if isinstance(names, Mapping) else dict.fromkeys(names)
+
+
 class Block(IntEnum):
     """Where an unknown stands behind the coefficients: constants, sizes of waveforms, gains and delays, in this order."""
 
@@ -308,8 +314,7 @@ class Waveform(Term):
     def stated(cls, stated: Stated) -> list[Self]:
         """Those of channels, with a number where one is stated; IdentificationError for one that cannot be."""
         kind: Any = cls
-        names = (stated,) if isinstance(stated, str) else stated or ()
-        numbers = names if isinstance(names, Mapping) else dict.fromkeys(names)
+        numbers = numbers_by_channel(stated)
         for name, number in numbers.items():
             if number is not None and not (_is_number(number) and cls.is_possible(number)):
                 raise IdentificationError(cls.wrong.format(name=name, number=number))
