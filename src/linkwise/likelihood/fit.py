@@ -81,10 +81,9 @@ def require_told(fit: LikelihoodFit) -> None:
 
     A search that was interrupted, or ended far from the records or without standard errors, does not say what they tell.
     """
-    converged = fit.converged
     explained = fit.has_errors and not fit.chi_square_off and not fit.interrupted
     gains = fit.undetermined_gains
-    if gains and (converged or explained):
+    if gains and (fit.converged or explained):
         raise IdentificationError(
             f"the records do not tell the gain of {', '.join(gains)}: another scale of forces, masses or motion explains "
             f"them as well. Leave {'it' if len(gains) == 1 else 'one of them'} out, or state how well it is "

@@ -400,9 +400,7 @@ def shooting_problem(
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
     pairs = zip(records, sensing.noise, strict=True)
     starts = [start_states(record, valued, noise, sensing.samples) for record, noise in pairs]
-    deviations = np.zeros(0)
-    if sensing.random:
-        deviations = first_deviations(sensing.random, sensing.frames[0], valued, starts[0].v)
+    deviations = first_deviations(sensing.random, sensing.frames[0], valued, starts[0].v)
     unit = np.maximum(np.abs(theta), 0.0 if spread is None else spread)
     if system.shapes is not None:  # which may be small, beside a node
         priors = np.array([parameter.sigma for parameter in structure.parameters])[system.shapes.columns]

@@ -25,7 +25,6 @@ from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.diagnosis import TestedCauses
 from linkwise.records.record import Record
-from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
 
 _JUDGED = (
@@ -145,5 +144,4 @@ def _scores(fit: LikelihoodFit, tested: TestedCauses | None) -> tuple[Segments, 
         return tested.longer.segments, tested.block_scores
     if blocks_of_scatter(fit.segments) == 1:
         return fit.segments, None
-    with one_blas_thread():
-        return fit.segments, fit.optimum.block_scores(BLOCKS[0])
+    return fit.segments, fit.optimum.block_scores(BLOCKS[0])

@@ -37,7 +37,6 @@ from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.model.coefficient import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
-from linkwise.runtime import one_blas_thread
 
 _REACH = {10.0: 1, 3.0: 1, 1.0: 1, 0.3: 2, 0.1: 4, 0.03: 7, 0.01: 27}
 """How many segments the error of a state reaches at each relaxation, as measured with an oscillator of 10 Hz."""
@@ -163,9 +162,8 @@ def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> _Horizon | None:
     optimum = replace(fit.optimum, misfit=found.misfit, q=found.q, coloured=None, of_white=None)
     if blocks_of_scatter(optimum.segments) == 1:
         return None
-    with one_blas_thread():
-        noise, _ = evidence(found)
-        scores = optimum.block_scores(BLOCKS[0])
+    noise, _ = evidence(found)
+    scores = optimum.block_scores(BLOCKS[0])
     if scores is None:
         return None
     try:

@@ -33,7 +33,6 @@ from linkwise.likelihood.shooting.minimise import pull_of_defects
 from linkwise.likelihood.shooting.normal_equations import FactoredModel
 from linkwise.likelihood.tests.diagnosis import TestedCauses
 from linkwise.likelihood.tests.variances import free_of_bounds
-from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
 
 _SKEWED = 0.3
@@ -140,16 +139,15 @@ def _accelerations(fit: LikelihoodFit, tested: TestedCauses | None) -> dict[int,
 
     Those that have none of a move along the profiles of all are left out.
     """
-    with one_blas_thread():
-        profiles = _Profiles.of(fit, tested)
-        if profiles is None:
-            return {}
-        free = np.flatnonzero(fit.free)
-        along = profiles.acceleration(profiles.along_all(free), len(free) ** -0.5)
-        return {
-            number: float(profiles.acceleration(profiles.tangents[number], 1.0)[number])
-            for number in free[~(np.abs(along[free]) < _SKEWED)].tolist()
-        }
+    profiles = _Profiles.of(fit, tested)
+    if profiles is None:
+        return {}
+    free = np.flatnonzero(fit.free)
+    along = profiles.acceleration(profiles.along_all(free), len(free) ** -0.5)
+    return {
+        number: float(profiles.acceleration(profiles.tangents[number], 1.0)[number])
+        for number in free[~(np.abs(along[free]) < _SKEWED)].tolist()
+    }
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,13 +46,11 @@ from linkwise.likelihood.tests.score_test import (
     MEMORY_TERMS,
     PRICE_OF_REACH,
     Hypothesis,
-    Quadratic,
     linear_terms,
 )
 from linkwise.likelihood.tests.variances import free_of_bounds
 from linkwise.model.coefficient import MASS
 from linkwise.model.host import in_words
-from linkwise.runtime import one_blas_thread
 
 _SINGULAR = 1e-12
 _MOST = 6  # terms at which residuals hint; of more, each makes a small part of what the first ones do
@@ -86,29 +84,24 @@ def _hinted(fit: LikelihoodFit, tested: TestedCauses, *, doubted: bool) -> Hint 
     if not np.any(tested.tests.gains[numbers] > least * optimum.noise**2):
         return None
     quadratic = tested.quadratic.within([*range(p), *(p + numbers)])
-    scale = 1.0 / np.sqrt(np.maximum(quadratic.curvature.diagonal(), np.finfo(float).tiny))
-    curvature, slope = quadratic.curvature * np.outer(scale, scale), quadratic.slope * scale
-    order, added = np.arange(len(slope)), 0
-    for position in range(p, p + min(_MOST_DOUBTED if doubted else _MOST, len(hypotheses))):
-        among = np.ix_(order, order)
-        gains = Quadratic(curvature[among], slope[order]).tests(position).gains
+    prices = np.array([PRICES.get(hypothesis.term, 0.0) for hypothesis in hypotheses])
+    terms, others = list[int](), list(range(len(hypotheses)))
+    for added in range(p, p + min(_MOST_DOUBTED if doubted else _MOST, len(hypotheses))):
+        gains = quadratic.within([*range(p), *(p + np.array([*terms, *others]))]).tests(added).gains
         beyond = np.where(np.isfinite(gains), gains, 0.0) / optimum.noise**2
-        enough = beyond > least[order[position:] - p]
+        enough = beyond > least[others]
         if not enough.any():
             break
-        prices = np.array([PRICES.get(hypotheses[number - p].term, 0.0) for number in order[position:]])
-        best = position + int(np.argmax(np.where(enough, beyond - prices, -np.inf)))
-        order[[position, best]] = order[[best, position]]
-        added += 1
-    if not added:
+        terms.append(others.pop(int(np.argmax(np.where(enough, beyond - prices[others], -np.inf)))))
+    if not terms:
         return None
-    own, terms = order[:p], order[p : p + added]
-    both = order[: p + added]
-    values = np.linalg.lstsq(curvature[np.ix_(both, both)], slope[both], rcond=_SINGULAR)[0][p:]
-    follow = curvature[np.ix_(own, own)], curvature[np.ix_(own, terms)]
-    moves = np.linalg.lstsq(*follow, rcond=_SINGULAR)[0] * values
+    chosen = quadratic.within([*range(p), *(p + np.array(terms))])
+    scale = 1.0 / np.sqrt(np.maximum(chosen.curvature.diagonal(), np.finfo(float).tiny))
+    curvature = chosen.curvature * np.outer(scale, scale)
+    values = np.linalg.lstsq(curvature, chosen.slope * scale, rcond=_SINGULAR)[0][p:]
+    moves = np.linalg.lstsq(curvature[:p, :p], curvature[:p, p:], rcond=_SINGULAR)[0] * values
     moves = np.where(fit.free[:, None], moves * (scale[:p] * optimum.scales.theta[:p])[:, None], 0.0)
-    moved, first = moves.sum(axis=1), hypotheses[int(terms[0]) - p]
+    moved, first = moves.sum(axis=1), hypotheses[terms[0]]
     force = f"a force like {first.term} in {first.where}"
     likeliest = f"damping {in_words(first.where)}" if first.kind == BETWEEN_MODES else force
     return {"terms": np.outer(moved, moved)}, likeliest
@@ -172,13 +165,12 @@ def scatter_of_blocks(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockS
     weighed = segments.prior is not None or segments.random is not None or optimum.coloured is not None
     if weighed or not isinstance(optimum.loss, Gaussian):
         return None
-    with one_blas_thread():
-        scores = tested.block_scores if tested else None
-        if scores is None:
-            longer = in_longer_segments(fit)
-            # short ones make more equal blocks
-            optimum = longer if longer.segments.count >= EQUAL * BLOCKS[0] else optimum
-        scatter = block_scatter(optimum, free_of_bounds(fit), scores)
+    scores = tested.block_scores if tested else None
+    if scores is None:
+        longer = in_longer_segments(fit)
+        # short ones make more equal blocks
+        optimum = longer if longer.segments.count >= EQUAL * BLOCKS[0] else optimum
+    scatter = block_scatter(optimum, free_of_bounds(fit), scores)
     return None if scatter is None or not np.isfinite(scatter.ratios).all() else scatter
 
 
