@@ -257,9 +257,9 @@ class MaximumLikelihood(AskedFor, Estimator):
 
         def answer(structure: Structure, options: LikelihoodOptions, records: Sequence[Record]) -> Estimate:
             def report(fit: LikelihoodFit, records: Sequence[Record]) -> Estimate:
-                return estimate_of(structure, _smoothest(structure, fit, records), records)
+                return estimate_of(structure, search.smoothest(fit, records), records)
 
-            search = partial(self._search, structure)
+            search = _Search(structure, self.starts or {})
             driven, options = with_harmonics(search, records, options)
             return answer_with_sensors(search, driven, options, admitted, report)
 
@@ -300,111 +300,122 @@ class MaximumLikelihood(AskedFor, Estimator):
             progress=progress,
         )
 
-    def _search(
-        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
-    ) -> LikelihoodFit:
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The search for the most likely values of a `structure`, from those that are `given` and starts that records show."""
+
+    structure: Structure
+    given: Mapping[str, float]
+
+    def __call__(self, records: Sequence[Record], options: LikelihoodOptions) -> LikelihoodFit:
         """A fit; where it is lost again with noise of quiet channels, and with its motion for what high passes take off."""
-        fit = self._searched(structure, records, options)
+        fit = self._from_starts(records, options)
         lost = not fit.interrupted and (fit.status in _ENDED_EARLY or runs_away(fit))
         if lost and (noisier := _with_noise_of_quiet(records)) is not None:
-            fit = self._searched(structure, noisier, options)
+            fit = self._from_starts(noisier, options)
             noisier = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
-            fit = replace(self, starts=fit.by_name)._searched(structure, noisier, options)
+            fit = replace(self, given=fit.by_name)._from_starts(noisier, options)
         for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
             errors = with_denoised(fit, records, options.errors)
-            fit = self._searched(structure, records, replace(options, errors=errors))
+            fit = self._from_starts(records, replace(options, errors=errors))
         return fit
 
-    def _searched(
-        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
-    ) -> LikelihoodFit:
-        if structure.topology.states or structure.signals:
-            return self._with_memory(structure, records, options)
-        if not _shows_motion(records[0], structure):
-            return self._from_forces(structure, records, options)
-        theta, spread = starting_values(_about_rest(records, options.errors), structure, self.starts)
-        search = partial(likelihood_fit, records, structure)
-        fit = search(theta, spread=spread, options=options)
-        return lower_of_two(fit, lambda values: search(values, options=options))
+    def _from_starts(self, records: Sequence[Record], options: LikelihoodOptions) -> LikelihoodFit:
+        if self._remembers:
+            return self._with_memory(records, options)
+        if self._integrates(records):
+            return self._from_forces(records, options)
+        theta, spread = starting_values(_about_rest(records, options.errors), self.structure, self.given)
+        search = partial(likelihood_fit, records, self.structure, options=options)
+        return lower_of_two(search(theta, spread=spread), search)
 
-    def _from_forces(
-        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
-    ) -> LikelihoodFit:
+    @property
+    def _remembers(self) -> bool:
+        """Whether laws have states, or name signals."""
+        return bool(self.structure.topology.states or self.structure.signals)
+
+    def _integrates(self, records: Sequence[Record]) -> bool:
+        """Whether the motion of masses follows from channels by inverse dynamics only, and so from starts of laws."""
+        record = framed(records[0], self.structure, integrated=True).record
+        return bool(self.structure.hosts) or needs_integration(record, self.structure)
+
+    def _from_forces(self, records: Sequence[Record], options: LikelihoodOptions) -> LikelihoodFit:
         """A fit that starts with the laws that the forces of links give, and about the places where hidden masses rest.
 
         Beside noise of inputs it goes on from a fit without, whose motion is known better than that which is integrated.
         """
+        search = partial(likelihood_fit, records, self.structure)
         if options.random and not any(force.ambient for force in options.random):
-            exact = self._from_forces(structure, records, replace(options, random=()))
+            exact = self._from_forces(records, replace(options, random=()))
             if is_settled(exact) or exact.interrupted:
                 nodes = exact.optimum.point.nodes
                 by_sample = nodes.shape[-1] == sum(map(len, records))
-                begun = replace(options, nodes=nodes if by_sample else None)
-                beside = likelihood_fit(records, structure, exact.values, options=begun)
+                beside = search(exact.values, options=replace(options, nodes=nodes if by_sample else None))
                 if is_settled(beside) or beside.interrupted:
                     return beside
-        theta, _ = starting_values(records, structure, self.starts)
-        about_rest = partial(fit_about_rest, records, structure, given=self.starts)
-        return fit_with_restarts(
-            partial(likelihood_fit, records, structure), theta, options, another=about_rest
-        )
+        theta, _ = starting_values(records, self.structure, self.given)
+        about_rest = partial(fit_about_rest, records, self.structure, given=self.given)
+        return fit_with_restarts(search, theta, options, another=about_rest)
 
-    def _with_memory(
-        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
-    ) -> LikelihoodFit:
+    def _with_memory(self, records: Sequence[Record], options: LikelihoodOptions) -> LikelihoodFit:
         """A fit of a structure with memory or signals, from the starts that the records show of it."""
-        given = dict(self.starts or {})
-        known = {p.name: p.start for p in structure.parameters if p.start is not None} | given
+        structure, parameters = self.structure, self.structure.parameters
+        known = {p.name: p.start for p in parameters if p.start is not None} | dict(self.given)
         framed_ones = framed_records(records, structure, integrated=True)
         shown = all(framed_ones[0].motions_of(name) for name in structure.mass_names)
         search = partial(likelihood_fit, structure=structure, options=options)
-        knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
-        by_links = knows_masses and not structure.hosts and needs_integration(framed_ones[0], structure)
+        knows_masses = all(link >= 0 for p in parameters for link, _ in p.members) and not structure.hosts
 
         def fit(kind: FindStarts) -> LikelihoodFit:
-            starts = kind(framed_ones, structure, given)
+            starts = kind(framed_ones, structure, self.given)
             found = fit_from_starts(partial(search, records), starts)
             grown = partial(fit_of_growing_records, search, records, starts[0].values)
             done = found.interrupted or is_settled(found)
             return found if done else attempts([grown, lambda: found])[0]
 
-        kinds = [
-            *[memory_starts_by_links] * by_links,
-            host_memory_starts if structure.hosts else memory_starts,
-        ]
-        searches = [partial(fit, kind) for kind in kinds]
+        by_links = knows_masses and needs_integration(framed_ones[0], structure)
+        whole = host_memory_starts if structure.hosts else memory_starts
+        searches = [partial(fit, kind) for kind in (*[memory_starts_by_links] * by_links, whole)]
         beside_motion = records[0].motions and any(name.kind == "state" for name in records[0].channels)
-        held = held_at_zero(structure) if beside_motion and knows_masses and not structure.hosts else None
+        held = held_at_zero(structure) if beside_motion and knows_masses else None
         if held:
-            searches.append(partial(self._from_motion, held, structure, records, options))
-        if all(p.name in known for p in structure.parameters):
-            values = np.array([known[p.name] for p in structure.parameters])
-            stated = [
-                partial(search, records, theta=values),
-                partial(fit_of_growing_records, search, records, values),
-            ]
-            searches = (
-                [*stated, *searches] if shown and not structure.hosts and len(given) < len(known) else stated
-            )
+            searches.append(partial(self._from_motion, held, records, options))
+        if all(p.name in known for p in parameters):
+            values = np.array([known[p.name] for p in parameters])
+            grown = partial(fit_of_growing_records, search, records, values)
+            others = searches if shown and not structure.hosts and len(self.given) < len(known) else []
+            searches = [partial(search, records, theta=values), grown, *others]
         return attempts(searches)[0]
 
     def _from_motion(
-        self, held: Structure, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
+        self, held: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
         """A fit from starts along the motion that laws `held` without states follow.
 
         A state that is recorded with hardly any noise, by an equation that is not quite right, leads the search for all
         of a law astray.
         """
-        moving = [name for name in records[0].channels if name.kind != "state"]
+        structure, moving = self.structure, [name for name in records[0].channels if name.kind != "state"]
         bare = [record.select(moving) for record in records]
         errors = tuple(one for one in options.errors if one.channel in moving)
-        alone = self._searched(held, bare, replace(options, errors=errors))
+        alone = replace(self, structure=held)._from_starts(bare, replace(options, errors=errors))
         followed = _along(alone, framed_records(records, structure, integrated=True), structure)
-        best = memory_starts(followed, structure, dict(self.starts or {}))[0].values
+        best = memory_starts(followed, structure, self.given)[0].values
         steps = 1 if alone.interrupted else options.steps
         fit = likelihood_fit(records, structure, best, options=replace(options, steps=steps))
         return replace(fit, status=alone.status) if alone.interrupted else fit
+
+    def smoothest(self, fit: LikelihoodFit, records: Sequence[Record]) -> LikelihoodFit:
+        """The fit, or of motion that records show directly, the closest one to exact laws whose likelihood is quadratic."""
+        if self._remembers or self._integrates(records):
+            return fit
+
+        def refit(values: Floats, nodes: Floats, q: float) -> LikelihoodFit:
+            near = replace(fit.options, nodes=nodes, relaxation=q, tightest=q, model_error=False)
+            return likelihood_fit(records, self.structure, values, options=near)
+
+        return tightest_smooth_fit(fit, refit)
 
 
 def _along(fit: LikelihoodFit, framed_ones: Sequence[Record], structure: Structure) -> list[Record]:
@@ -451,25 +462,6 @@ def _about_rest(records: Sequence[Record], errors: Sequence[Term]) -> list[Recor
     for values in moved:
         values[:, columns] -= np.nanmean(values[:, columns], axis=0)
     return [replace(record, values=values) for record, values in zip(records, moved, strict=True)]
-
-
-def _shows_motion(record: Record, structure: Structure) -> bool:
-    """Whether the motion of all masses follows from channels without inverse dynamics, and so without starts of laws."""
-    return not structure.hosts and not needs_integration(
-        framed(record, structure, integrated=True).record, structure
-    )
-
-
-def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Record]) -> LikelihoodFit:
-    """The fit, or of motion that the records show directly, the closest one to exact laws whose likelihood is quadratic."""
-    if structure.topology.states or structure.signals or not _shows_motion(records[0], structure):
-        return fit
-
-    def refit(values: Floats, nodes: Floats, q: float) -> LikelihoodFit:
-        near = replace(fit.options, nodes=nodes, relaxation=q, tightest=q, model_error=False)
-        return likelihood_fit(records, structure, values, options=near)
-
-    return tightest_smooth_fit(fit, refit)
 
 
 def _approximated(fit: LikelihoodFit, judgement: Judgement) -> tuple[LikelihoodFit | None, Judgement]:
