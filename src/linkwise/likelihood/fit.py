@@ -25,11 +25,11 @@ from linkwise.estimates.link_estimate import LinkMotion, extremes, forces_with_m
 from linkwise.likelihood.marginal import marginal_fit
 from linkwise.likelihood.noise import with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.problem import SAMPLES, SensorModel, shooting_problem
+from linkwise.likelihood.problem import SAMPLES, Problem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, searched
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus, AnnealingStep
-from linkwise.likelihood.shooting.residuals import Misfit, with_bounds_for
+from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.terms import Delay, Found, Gain, HighPass, Term, Unknown
 from linkwise.model.coefficient import Name
@@ -288,16 +288,15 @@ def likelihood_fit(
         If records lack channels or differ in them, or the motion from the start is not finite.
     """
     options = options or LikelihoodOptions()
-    sensing = SensorModel.of(options.errors, options.random, records, structure)
-    records, nodes = [frame.record for frame in sensing.frames], options.nodes
+    problem, nodes = Problem.of(options, records, structure), options.nodes
+    records = problem.records
     sparse = is_sparse(records) if nodes is None else nodes.shape[-1] == sum(map(len, records))
     if options.random or not sparse:
-        return _fit(records, structure, theta, spread, sensing, options)
+        return _fit(problem, theta, spread, options)
     # exact laws, or where they leave more a model error, in segments of several samples: one of every single sample could
     # hardly be told from noise
     if options.relaxation is None:
-        strict = replace(options, model_error=False)
-        exact = _fit(records, structure, theta, spread, replace(sensing, sparse=True), strict)
+        exact = _fit(replace(problem, sparse=True), theta, spread, replace(options, model_error=False))
         if not options.model_error or exact.interrupted or (exact.converged and not exact.chi_square_off):
             return exact
         if exact.converged:
@@ -306,7 +305,7 @@ def likelihood_fit(
         ends = np.cumsum([0, *map(len, records)])
         firsts = [np.arange(first, last, SAMPLES) for first, last in pairwise(ends)]
         nodes = nodes[..., np.concatenate(firsts)]
-    return _fit(records, structure, theta, spread, sensing, replace(options, nodes=nodes))
+    return _fit(problem, theta, spread, replace(options, nodes=nodes))
 
 
 def with_denoised(fit: LikelihoodFit, records: Sequence[Record], errors: Sequence[Term]) -> tuple[Term, ...]:
@@ -346,26 +345,17 @@ def _passed(motion: Floats, step: float, corner: float) -> Floats:
     return np.asarray(motion - 2.0 * np.pi * corner * integral)
 
 
-def _fit(
-    records: Sequence[Record],
-    structure: Structure,
-    theta: Floats,
-    spread: Floats | None,
-    sensing: SensorModel,
-    options: LikelihoodOptions,
-) -> LikelihoodFit:
-    """The fit of records in the coordinates of the equations, in the segments of `sensing`."""
-    known, lowest = sensing.stated(records), sensing.lowest(records)
+def _fit(problem: Problem, theta: Floats, spread: Floats | None, options: LikelihoodOptions) -> LikelihoodFit:
+    """The fit of records in the coordinates of the equations, in the segments of a problem."""
     # products run on threads of our own
     with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
         annealer = Annealer(executor, options.progress)
-        problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
-        start, fit = searched(problem, spread, options, annealer)
+        start, fit = searched(shooting_problem(problem, theta, spread), spread, options, annealer)
         if fit.misfit.segments.random is not None:
-            fit = marginal_fit(fit, known, annealer)
+            fit = marginal_fit(fit, problem.stated, annealer)
         else:
-            fit = with_noise_of_residuals(fit, annealer, lowest)
-        explained = explained_fit(start, fit, annealer, lowest=lowest, options=options)
+            fit = with_noise_of_residuals(fit, annealer, problem.lowest)
+        explained = explained_fit(start, fit, annealer, lowest=problem.lowest, options=options)
     fit, segments, ratios = explained.fit, explained.fit.misfit.segments, explained.error_ratios
     p = segments.system.parameters.size
     point = fit.point
@@ -373,9 +363,9 @@ def _fit(
     random_forces: tuple[RandomForceEstimate, ...] = ()
     if (random := segments.random) is not None:
         deviations = random.present * random.deviation.max(axis=1)
-        random_forces = force_estimates(sensing.random, deviations, records[0].rate)
+        random_forces = force_estimates(problem.random, deviations, problem.records[0].rate)
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
-    found = _found(sensing.unknowns, point.border[p:], deviations)
+    found = _found(problem.unknowns, point.border[p:], deviations)
     optimum = Optimum(replace(fit.misfit, segments=segments), fit.q, explained.noise, explained.coloured)
     if explained.coloured is not None:
         optimum = replace(optimum, of_white=fit.covariance[:p, :p])
@@ -383,7 +373,7 @@ def _fit(
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
         found=found,
-        noise=_found_noise(fit, tuple(sensing.frames[0].names)),
+        noise=_found_noise(fit, tuple(problem.frames[0].names)),
         chi_square=explained.chi_square,
         chi_square_off=explained.chi_square_off,
         noise_from_misfit=explained.noise_from_misfit,
