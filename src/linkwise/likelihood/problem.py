@@ -154,8 +154,8 @@ class Problem:
         for error in options.errors:
             if refusal := error.refusal(records):
                 raise IdentificationError(refusal, arguments=(error.argument,))
-        errors = with_integrated(options.errors, frames)
-        every = (one for error in errors for one in error.unknowns(frames, noise))
+        errors, noisy = with_integrated(options.errors, frames), tuple(zip(frames, noise, strict=True))
+        every = (one for error in errors for one in error.unknowns(noisy))
         unknowns = tuple(sorted(every, key=lambda unknown: (unknown.term.block, unknown.record)))
         bounded = with_bounds_for(options.loss, [frame.record for frame in frames])
         return cls(structure, frames, bounded, unknowns, noise, tuple(options.random))
