@@ -51,8 +51,6 @@ def _undetermined_gains(found: Sequence[Found], covariance: Floats, parameters: 
 
     `covariance` (P, P) has the `parameters` first, and zero in rows of those at a bound.
     """
-    if not any(isinstance(one.term, Gain) for one in found):
-        return ()
     variance, alone = covariance.diagonal(), inflation_beside_others(covariance)
     firsts = parameters + np.cumsum([0, *(one.unknown.count for one in found)])
     return tuple(
@@ -366,9 +364,8 @@ def _fit(problem: Problem, theta: Floats, spread: Floats | None, options: Likeli
         random_forces = force_estimates(problem.random, deviations, problem.records[0].rate)
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
     found = _found(problem.unknowns, point.border[p:], deviations)
-    optimum = Optimum(replace(fit.misfit, segments=segments), fit.q, explained.noise, explained.coloured)
-    if explained.coloured is not None:
-        optimum = replace(optimum, of_white=fit.covariance[:p, :p])
+    of_white = None if explained.coloured is None else fit.covariance[:p, :p]
+    misfit = replace(fit.misfit, segments=segments)
     return LikelihoodFit(
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
@@ -383,7 +380,7 @@ def _fit(problem: Problem, theta: Floats, spread: Floats | None, options: Likeli
         samples=fit.samples,
         status=fit.status,
         path=fit.path,
-        optimum=optimum,
+        optimum=Optimum(misfit, fit.q, explained.noise, explained.coloured, of_white),
         prior_conflicts=_prior_conflicts(explained),
         undetermined_gains=_undetermined_gains(found, explained.covariance, p),
         random_forces=random_forces,

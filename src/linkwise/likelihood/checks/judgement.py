@@ -273,9 +273,9 @@ class Examined:
         noise = f", which is correlated from sample to sample in {coloured}" if coloured else ""
         return f"{laws} the record to within its noise{noise}"
 
-    def found(self, verdict: Verdict, text: str) -> Judgement:
-        """A verdict with its text behind how far the laws explain the records."""
-        return Judgement(verdict, f"{self.explained}{text}", self.share, self.causes)
+    def found(self, verdict: Verdict, text: str, *first: Cause) -> Judgement:
+        """A verdict with its text behind how far the laws explain the records, for causes that come `first`."""
+        return Judgement(verdict, f"{self.explained}{text}", self.share, (*first, *self.causes))
 
     @property
     def _may_lack_any_term(self) -> bool:

@@ -114,11 +114,13 @@ def _stuck(of: Examined) -> str:
             f"Half of what is left of the record lies between {start} and {end}: identify the record {easier}, and look there "
             "for what the laws or the sensors lack."
         )
-    names, errors = segments.system.parameters.names, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    relative = errors[: len(names)] / np.maximum(np.abs(fit.values), np.finfo(float).tiny)
-    worst = int(np.argmax(np.where(fit.free[: len(names)] & np.isfinite(relative), relative, 0.0)))
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    relative = errors / np.maximum(np.abs(fit.values), np.finfo(float).tiny)
+    worst = int(np.argmax(np.where(fit.free & np.isfinite(relative), relative, 0.0)))
     if relative[worst] > _UNDETERMINED:
-        return f"The record hardly determines {names[worst]}: hold it at a known value, or give it bounds."
+        return (
+            f"The record hardly determines {fit.names[worst]}: hold it at a known value, or give it bounds."
+        )
     return "Identify the beginning of the record, and give its values as starts for the whole."
 
 
@@ -148,12 +150,9 @@ def event(of: Examined) -> Judgement | None:
             return None
     start, end = (moment(segments, place, of.records) for place in (first, last + 1))
     cause = event_between(segments, first, last + 1, of.records, gain)
-    found = of.found(
-        Verdict.UNEXPLAINED_FORCES,
-        f": half of what is left would be explained by {cause.description}. Identify the record from {end} on, or up to "
-        f"{start}.",
-    )
-    return replace(found, diagnosis=(cause, *of.causes))
+    explained = f"half of what is left would be explained by {cause.description}"
+    advice = f"Identify the record from {end} on, or up to {start}."
+    return of.found(Verdict.UNEXPLAINED_FORCES, f": {explained}. {advice}", cause)
 
 
 def level_of_noise(of: Examined) -> Judgement | None:
@@ -474,8 +473,7 @@ def motion_that_begins_anew(of: Examined, before: Judgement) -> Judgement | None
     if not before.leaves_noise or of.jump is None or not of.jump.is_significant:
         return None
     event = of.jump.event
-    found = of.found(Verdict.UNEXPLAINED_FORCES, f", but {would_explain(event)}. {_PARTS}")
-    return replace(found, diagnosis=(event, *of.causes))
+    return of.found(Verdict.UNEXPLAINED_FORCES, f", but {would_explain(event)}. {_PARTS}", event)
 
 
 def asymmetric_wells(of: Examined, before: Judgement) -> Judgement | None:
