@@ -26,7 +26,6 @@ from linkwise.likelihood.fit import (
     motion_of_links,
     require_told,
     with_denoised,
-    with_values,
 )
 from linkwise.likelihood.harmonics import (
     estimated_harmonics,
@@ -497,7 +496,7 @@ def estimate_of(
     residuals = fit.misfit.residuals
     approximate, judgement = _approximated(fit, judgement) if offered is None else (None, judgement)
     if approximate is not None:
-        fit, identified = approximate, with_values(structure, approximate)
+        fit, identified = approximate, structure.with_values(approximate.by_name)
     covariance, faint = with_faint_modes(fit, identified)
     of_harmonics, frequencies, amplitudes = estimated_harmonics(fit, records)
     covariance = sum(judgement.added.values(), covariance) + of_harmonics

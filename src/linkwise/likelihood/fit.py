@@ -246,11 +246,6 @@ class LikelihoodFit:
         return bool((np.isfinite(variances) & (variances >= 0.0)).all())
 
 
-def with_values(structure: Structure, fit: LikelihoodFit) -> Structure:
-    """The structure with the values of a fit."""
-    return structure.with_values(fit.by_name)
-
-
 @np.errstate(over="ignore", invalid="ignore")  # a trial may run to infinity; what it gives is checked
 def likelihood_fit(
     records: Sequence[Record],

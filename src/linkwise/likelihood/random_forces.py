@@ -109,12 +109,6 @@ class RandomForce:
         """The mass of an ambient force, else the channel."""
         return self.place if self.ambient or self.of_base else f"{_INPUT}{self.place}"
 
-    def of_samples(self, rate: float) -> float:
-        """Standard deviation in N of samples at `rate`, NaN where it is to be found."""
-        if self.deviation is None:
-            return float("nan")
-        return self.deviation * float(np.sqrt(rate / 2.0)) if self.ambient else self.deviation
-
 
 def random_forces(
     ambient: Stated, input_noise: Stated, record: Record, structure: Structure
@@ -374,12 +368,13 @@ def first_deviations(
     record = frame.record
     out = []
     for force in forces:
-        deviation = force.of_samples(record.rate)
-        if np.isnan(deviation) and force.ambient:
+        if force.deviation is not None:
+            deviation = force.deviation * float(np.sqrt(record.rate / 2.0) if force.ambient else 1.0)
+        elif force.ambient:
             index = structure.mass_names.index(force.place)
             inertia = structure.mass_values[index] * np.gradient(velocities[index], record.step)
             deviation = _FIRST_GUESS * float(np.sqrt(np.mean(inertia**2)))
-        elif np.isnan(deviation):
+        else:
             moved = force.place == f"a:{BASE}"
             applied = frame.acceleration if moved else record.channel(force.where)
             assert applied is not None

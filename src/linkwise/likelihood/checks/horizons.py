@@ -27,7 +27,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import format_both
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.fit import LikelihoodFit, with_values
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import is_long, relaxation
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import BLOCKS, FEWEST, BlockScores, Optimum, blocks_of_scatter
@@ -249,7 +249,8 @@ def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Ch
     if closer.status is not AnnealingStatus.CONVERGED or not np.isfinite(left):
         return None
     closest = fit.at(tight, closer, optimum.noise**2 * closer.covariance)
-    return CloserFit(closest, left, diagnose(closest, with_values(identified, closest), channels, terms=True))
+    there = identified.with_values(closest.by_name)
+    return CloserFit(closest, left, diagnose(closest, there, channels, terms=True))
 
 
 def _tightened(optimum: Optimum, factor: float) -> Optimum:

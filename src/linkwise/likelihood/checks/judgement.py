@@ -17,7 +17,7 @@ from linkwise.estimates.causes import SLIP, WINDOW, Cause
 from linkwise.likelihood.checks.horizons import CloserFit, held_closer
 from linkwise.likelihood.checks.jumps import Jump, likeliest_jump
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
-from linkwise.likelihood.fit import LikelihoodFit, with_values
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.harmonics import Lines
 from linkwise.likelihood.noise import lag_one_autocorrelation
 from linkwise.likelihood.random_forces import noise_of_channels
@@ -153,7 +153,7 @@ class Examined:
     @cached_property
     def identified(self) -> Structure:
         """The structure with the values of the fit."""
-        return with_values(self.structures[-1], self.fit)
+        return self.structures[-1].with_values(self.fit.by_name)
 
     @property
     def channels(self) -> Sequence[Channel]:
