@@ -158,7 +158,6 @@ def test_what_fits_do_not_agree_on_is_refused(found: Searched, message: str) -> 
     record = two_loggers(86)
     options = LikelihoodOptions(errors_to_find([record], AskedFor(clocks=["x:m1"])))
     search: Any = found
-    unchanged: Any = lambda fit, records: fit  # noqa: E731
     with pytest.raises(lw.IdentificationError, match=message):
-        with_delays(search, [record], options, unchanged, unchanged)
+        with_delays(search, [record], options)
     assert found.fits > 1

@@ -240,9 +240,7 @@ def test_a_search_that_does_not_converge_says_where_it_is_stuck(at: int, easier:
     options = LikelihoodOptions(relaxation=2e-2)
     fit = likelihood_fit([faulty], asked, truth(spring, asked), options=options)
     stuck = replace(fit, status=AnnealingStatus.EXHAUSTED)
-    judgement = judge(
-        Examined(stuck, asked.with_values({"spring1.k": 3e4, "spring1.c": 1.0}), [asked], [faulty])
-    )
+    judgement = judge(Examined(stuck, [asked], [faulty]))
     assert judgement.verdict is lw.Verdict.NOT_CONVERGED
     assert "Half of what is left of the record lies between" in judgement.message
     assert f"identify the record {easier}" in judgement.message

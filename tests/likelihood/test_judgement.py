@@ -245,7 +245,7 @@ def test_values_by_which_motion_soon_runs_away_from_the_record_are_refused() -> 
     fit = likelihood_fit(records, asked, np.array([987.0, 6.0]))
     assert fit.model_error > 0.0
     before = Judgement(lw.Verdict.MODEL_ERROR_NEEDED, "")
-    best, optimum = Examined(fit, asked, [asked], records), fit.optimum
+    best, optimum = Examined(fit, [asked], records), fit.optimum
     assert motion_that_runs_away(best, before) is None
     for factors in (
         [1.0, -10.0],

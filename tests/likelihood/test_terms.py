@@ -14,8 +14,8 @@ from within import errors
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import CAUSE_KINDS, FOUND, CauseKind, SensorErrorEstimate
-from linkwise.likelihood.options import OF_FORCE
-from linkwise.likelihood.problem import SensorModel, ShootingProblem, shooting_problem
+from linkwise.likelihood.options import OF_FORCE, LikelihoodOptions
+from linkwise.likelihood.problem import Problem, ShootingProblem, shooting_problem
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.residuals import Gaussian, evaluate
 from linkwise.likelihood.shooting.tangents import whitened_jacobian
@@ -51,11 +51,10 @@ def record() -> lw.Record:
 
 def problem(
     record: lw.Record, errors: Sequence[Term], of: lw.Structure = PAIR
-) -> tuple[SensorModel, ShootingProblem]:
+) -> tuple[Problem, ShootingProblem]:
     asked = of.unknown("all")
-    sensing = SensorModel.of(errors, (), [record], asked)
-    frames = [frame.record for frame in sensing.frames]
-    return sensing, shooting_problem(frames, asked, truth(of, asked), None, sensing)
+    sensing = Problem.of(LikelihoodOptions(errors), [record], asked)
+    return sensing, shooting_problem(sensing, truth(of, asked), None)
 
 
 def columns_of_estimate(record: lw.Record, term: Term, of: lw.Structure = PAIR) -> Floats:

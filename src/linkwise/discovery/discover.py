@@ -186,8 +186,7 @@ def discover(
     driven, sensors = with_harmonics(search, records, sensors)
 
     def answered(options: LikelihoodOptions) -> Discovery:
-        report, finish = (lambda fit, _: found[fit]), (lambda fit, _: fit)
-        return answer_with_sensors(search, driven, options, chosen.admit, report, finish=finish)
+        return answer_with_sensors(search, driven, options, chosen.admit, lambda fit, _: found[fit])
 
     discovery = answered(sensors)
     if not (chosen.as_stated or chosen.admit or sensors.random or candidates.memory):

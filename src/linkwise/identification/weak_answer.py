@@ -62,20 +62,17 @@ def judged_by_likelihood(answer: Estimate) -> Estimate:
     fit = _fit(answer)
     if fit is None:
         return answer
-    structure, record = answer.given_structure, answer.record
-    found = {p.name: float(value) for p, value in zip(answer.parameters, fit.values, strict=True)}
-    identified = structure.with_values(found)
-    examined = Examined(fit, identified, (structure,), (record,), searched=True)
+    examined = Examined(fit, (answer.given_structure,), (answer.record,), searched=True)
     judgement = judge(examined, without=_OF_THE_LIKELIHOOD)
     verdict, message = judgement.verdict, judgement.message
     covariance: Floats | csc_array = answer.covariance
     unseen: tuple[UnseenTerm, ...] = ()
     if verdict is Verdict.CONVERGED:
         tests, noise = examined.diagnosis.tested, judgement.leaves_noise
-        beside = unseen_terms(fit, identified, tests, covariance, terms=noise)
+        beside = unseen_terms(fit, tests, covariance, terms=noise)
         verdict, message = _biased(answer, fit) or _undecided(answer, beside) or (verdict, message)
         covariance = sum(judgement.added.values(), covariance)
-        unseen = unseen_terms(fit, identified, tests, covariance, terms=noise)
+        unseen = unseen_terms(fit, tests, covariance, terms=noise)
     return replace(
         answer,
         fit_verdicts=(verdict,),

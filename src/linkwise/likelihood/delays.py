@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, isinf
-from typing import Protocol, TypeAlias, TypeVar
+from typing import TypeAlias
 
 import numpy as np
 
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.terms import PPM, Clock, Delay, Term, of_kind
@@ -31,42 +30,25 @@ _SHRINKING = 0.5
 _SHIFTS = 8  # of channels, at most: beyond the delays wander
 
 
-class Diagnosed(Protocol):
-    """An answer with a diagnosis of what it leaves."""
-
-    @property
-    def diagnosis(self) -> tuple[Cause, ...]: ...
-
-
-Answer = TypeVar("Answer", bound=Diagnosed)
 Search: TypeAlias = Callable[[Sequence[Record], LikelihoodOptions], LikelihoodFit]
-Report: TypeAlias = Callable[[LikelihoodFit, Sequence[Record]], Answer]
 
 
 def with_delays(
-    search: Search,
-    records: Sequence[Record],
-    options: LikelihoodOptions,
-    report: Report[Answer],
-    finish: Callable[[LikelihoodFit, Sequence[Record]], LikelihoodFit],
-) -> tuple[Answer, bool]:
-    """The `report` on the fit, once it is finished; channels that are late by more than a part of a sample are shifted by
-    whole ones, and fitted again.
+    search: Search, records: Sequence[Record], options: LikelihoodOptions
+) -> tuple[LikelihoodFit, Sequence[Record]]:
+    """The fit, and the records of it; channels that are late by more than a part of a sample are shifted by whole ones, and
+    fitted again.
 
     Where the laws do not explain the records then, shifts further away are tried, since a delay has other optima about a part
-    of a period away. Also whether an interrupt ended the search.
+    of a period away.
     """
-    delays, clocks = of_kind(options.errors, Delay), of_kind(options.errors, Clock)
-    if delays or clocks:
-        best = _on_one_clock(search, records, options)
-        for delay in delays if len({record.rate for record in records}) == 1 else ():
-            if isinf(delay.deviation) and not delay.near:
-                best = _at_best_shift(best, delay.channel)
-        found, records = best.fit, best.shifts.of(best.late)
-    else:
-        found = search(records, options)
-    fit = finish(found, records)
-    return report(fit, records), fit.interrupted
+    if not any(isinstance(one, Delay | Clock) for one in options.errors):
+        return search(records, options), records
+    best, alike = _on_one_clock(search, records, options), len({record.rate for record in records}) == 1
+    for delay in of_kind(options.errors, Delay) if alike else ():
+        if isinf(delay.deviation) and not delay.near:
+            best = _at_best_shift(best, delay.channel)
+    return best.fit, best.shifts.of(best.late)
 
 
 def _on_one_clock(search: Search, records: Sequence[Record], options: LikelihoodOptions) -> _ShiftedFit:
@@ -79,16 +61,17 @@ def _on_one_clock(search: Search, records: Sequence[Record], options: Likelihood
     before: dict[str, float] = {}
     for _ in range(_SHIFTS):
         clocks = of_kind(options.errors, Clock)
+        delays = of_kind(options.errors, Delay)
         slips = {name: ppm for clock in clocks for name, ppm in clock.late.items()}
-        delays = {one.channel: one.taken_out for one in of_kind(options.errors, Delay) if one.taken_out}
-        own = [without_delays(record, delays, clocks=slips) for record in records]
+        taken = {one.channel: one.taken_out for one in delays if one.taken_out}
+        own = [without_delays(record, taken, clocks=slips) for record in records]
         best = _settled(_Shifts(search, own, options), late)
         found = {clock: best.fit.size_of(clock) for clock in clocks if clock.ratio is None}
-        of_clocks = (one for one in of_kind(options.errors, Delay) if one.channel in members)
-        left: dict[Term, float] = {
-            one: best.fit.delays[one.channel] for one in of_clocks if one.channel in best.fit.delays
+        left = best.fit.delays
+        sizes: dict[Term, float] = {
+            one: left[one.channel] for one in delays if one.channel in members & {*left}
         }
-        is_on_time = all(abs(delay) < _ON_TIME * own[0].step for delay in left.values())
+        is_on_time = all(abs(delay) < _ON_TIME * own[0].step for delay in sizes.values())
         if best.fit.interrupted or (is_on_time and all(_is_small(*pair, own[0]) for pair in found.values())):
             return best
         if any(
@@ -96,9 +79,8 @@ def _on_one_clock(search: Search, records: Sequence[Record], options: Likelihood
             for clock, (ratio, error) in found.items()
         ):
             break
-        late = best.late
-        before = {clock.channel: abs(ratio) for clock, (ratio, _) in found.items()}
-        sizes = left | {clock: ratio for clock, (ratio, _) in found.items()}
+        late, before = best.late, {clock.channel: abs(ratio) for clock, (ratio, _) in found.items()}
+        sizes |= {clock: ratio for clock, (ratio, _) in found.items()}
         errors = (
             one.taking_out(sizes[one]) if isinstance(one, Clock | Delay) and one in sizes else one
             for one in options.errors

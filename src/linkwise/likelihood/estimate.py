@@ -26,7 +26,6 @@ from linkwise.likelihood.fit import (
     motion_of_links,
     require_told,
     with_denoised,
-    with_values,
 )
 from linkwise.likelihood.harmonics import (
     estimated_harmonics,
@@ -228,13 +227,13 @@ class MaximumLikelihood(AskedFor, Estimator):
 
     def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of a structure whose masses move."""
+        if structure.hosts:
+            advice = "put its mean into the law as a coefficient"
+            refuse_signals(structure.links, "structures with hosts", advice)
         for record in records:
             require_units_of_states(record, structure)
             _refuse_dead(record)
             if structure.hosts:
-                refuse_signals(
-                    structure.links, "structures with hosts", "put its mean into the law as a coefficient"
-                )
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
         errors = errors_to_find(records, self)
@@ -250,26 +249,26 @@ class MaximumLikelihood(AskedFor, Estimator):
             progress=progress,
         )
         admitted = self._admitted
+        alone = self.as_stated or bool(admitted)
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
             refuse_beside_random_forces(errors, admitted, robust=robust, records=records)
 
         def answer(structure: Structure, options: LikelihoodOptions, records: Sequence[Record]) -> Estimate:
-            search = partial(self._search, structure)
+            def report(fit: LikelihoodFit, records: Sequence[Record]) -> Estimate:
+                return estimate_of(structure, search.smoothest(fit, records), records)
+
+            search = _Search(structure, self.starts or {})
             driven, options = with_harmonics(search, records, options)
-            finish = partial(_smoothest, structure)
-            report = partial(estimate_of, structure)
-            return answer_with_sensors(search, driven, options, admitted, report, finish=finish)
+            return answer_with_sensors(search, driven, options, admitted, report)
 
         try:
             stated = answer(structure, options, records)
         except IdentificationError as refusal:
-            if self.as_stated or admitted or refusal.arguments:  # of what was asked, no matter of the records
+            if alone or refusal.arguments:  # of what was asked, no matter of the records
                 raise
             return beside_exchange(answer, structure, options, records, refusal)
-        if self.as_stated or admitted:
-            return stated
-        return explained_answer(stated, answer, structure, options, records)
+        return stated if alone else explained_answer(stated, answer, structure, options, records)
 
     def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
@@ -300,116 +299,122 @@ class MaximumLikelihood(AskedFor, Estimator):
             progress=progress,
         )
 
-    def _search(
-        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
-    ) -> LikelihoodFit:
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The search for the most likely values of a `structure`, from those that are `given` and starts that records show."""
+
+    structure: Structure
+    given: Mapping[str, float]
+
+    def __call__(self, records: Sequence[Record], options: LikelihoodOptions) -> LikelihoodFit:
         """A fit; where it is lost again with noise of quiet channels, and with its motion for what high passes take off."""
-        fit = self._searched(structure, records, options)
+        fit = self._from_starts(records, options)
         lost = not fit.interrupted and (fit.status in _ENDED_EARLY or runs_away(fit))
         if lost and (noisier := _with_noise_of_quiet(records)) is not None:
-            fit = self._searched(structure, noisier, options)
+            fit = self._from_starts(noisier, options)
             noisier = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
-            names = fit.segments.system.parameters.names
-            found = dict(zip(names, fit.values.tolist(), strict=True))
-            fit = replace(self, starts=found)._searched(structure, noisier, options)
+            fit = replace(self, given=fit.by_name)._from_starts(noisier, options)
         for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
             errors = with_denoised(fit, records, options.errors)
-            fit = self._searched(structure, records, replace(options, errors=errors))
+            fit = self._from_starts(records, replace(options, errors=errors))
         return fit
 
-    def _searched(
-        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
-    ) -> LikelihoodFit:
-        if structure.topology.states or structure.signals:
-            return self._with_memory(structure, records, options)
-        if structure.hosts or needs_integration(
-            framed(records[0], structure, integrated=True).record, structure
-        ):
-            return self._from_forces(structure, records, options)
-        theta, spread = starting_values(_about_rest(records, options.errors), structure, self.starts)
-        search = partial(likelihood_fit, records, structure)
-        fit = search(theta, spread=spread, options=options)
-        return lower_of_two(fit, lambda values: search(values, options=options))
+    def _from_starts(self, records: Sequence[Record], options: LikelihoodOptions) -> LikelihoodFit:
+        if self._remembers:
+            return self._with_memory(records, options)
+        if self._integrates(records):
+            return self._from_forces(records, options)
+        theta, spread = starting_values(_about_rest(records, options.errors), self.structure, self.given)
+        search = partial(likelihood_fit, records, self.structure, options=options)
+        return lower_of_two(search(theta, spread=spread), search)
 
-    def _from_forces(
-        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
-    ) -> LikelihoodFit:
+    @property
+    def _remembers(self) -> bool:
+        """Whether laws have states, or name signals."""
+        return bool(self.structure.topology.states or self.structure.signals)
+
+    def _integrates(self, records: Sequence[Record]) -> bool:
+        """Whether the motion of masses follows from channels by inverse dynamics only, and so from starts of laws."""
+        record = framed(records[0], self.structure, integrated=True).record
+        return bool(self.structure.hosts) or needs_integration(record, self.structure)
+
+    def _from_forces(self, records: Sequence[Record], options: LikelihoodOptions) -> LikelihoodFit:
         """A fit that starts with the laws that the forces of links give, and about the places where hidden masses rest.
 
         Beside noise of inputs it goes on from a fit without, whose motion is known better than that which is integrated.
         """
+        search = partial(likelihood_fit, records, self.structure)
         if options.random and not any(force.ambient for force in options.random):
-            exact = self._from_forces(structure, records, replace(options, random=()))
+            exact = self._from_forces(records, replace(options, random=()))
             if is_settled(exact) or exact.interrupted:
                 nodes = exact.optimum.point.nodes
                 by_sample = nodes.shape[-1] == sum(map(len, records))
-                begun = replace(options, nodes=nodes if by_sample else None)
-                beside = likelihood_fit(records, structure, exact.values, options=begun)
+                beside = search(exact.values, options=replace(options, nodes=nodes if by_sample else None))
                 if is_settled(beside) or beside.interrupted:
                     return beside
-        theta, _ = starting_values(records, structure, self.starts)
-        about_rest = partial(fit_about_rest, records, structure, given=self.starts)
-        return fit_with_restarts(
-            partial(likelihood_fit, records, structure), theta, options, another=about_rest
-        )
+        theta, _ = starting_values(records, self.structure, self.given)
+        about_rest = partial(fit_about_rest, records, self.structure, given=self.given)
+        return fit_with_restarts(search, theta, options, another=about_rest)
 
-    def _with_memory(
-        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
-    ) -> LikelihoodFit:
+    def _with_memory(self, records: Sequence[Record], options: LikelihoodOptions) -> LikelihoodFit:
         """A fit of a structure with memory or signals, from the starts that the records show of it."""
-        given = dict(self.starts or {})
-        known = {p.name: p.start for p in structure.parameters if p.start is not None} | given
+        structure, parameters = self.structure, self.structure.parameters
+        known = {p.name: p.start for p in parameters if p.start is not None} | dict(self.given)
         framed_ones = framed_records(records, structure, integrated=True)
         shown = all(framed_ones[0].motions_of(name) for name in structure.mass_names)
         search = partial(likelihood_fit, structure=structure, options=options)
-        knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
-        by_links = knows_masses and not structure.hosts and needs_integration(framed_ones[0], structure)
+        knows_masses = all(link >= 0 for p in parameters for link, _ in p.members) and not structure.hosts
 
         def fit(kind: FindStarts) -> LikelihoodFit:
-            starts = kind(framed_ones, structure, given)
+            starts = kind(framed_ones, structure, self.given)
             found = fit_from_starts(partial(search, records), starts)
             grown = partial(fit_of_growing_records, search, records, starts[0].values)
             done = found.interrupted or is_settled(found)
             return found if done else attempts([grown, lambda: found])[0]
 
-        kinds = [
-            *[memory_starts_by_links] * by_links,
-            host_memory_starts if structure.hosts else memory_starts,
-        ]
-        searches = [partial(fit, kind) for kind in kinds]
+        by_links = knows_masses and needs_integration(framed_ones[0], structure)
+        whole = host_memory_starts if structure.hosts else memory_starts
+        searches = [partial(fit, kind) for kind in (*[memory_starts_by_links] * by_links, whole)]
         beside_motion = records[0].motions and any(name.kind == "state" for name in records[0].channels)
-        held = held_at_zero(structure) if beside_motion and knows_masses and not structure.hosts else None
+        held = held_at_zero(structure) if beside_motion and knows_masses else None
         if held:
-            searches.append(partial(self._from_motion, held, structure, records, options))
-        if all(p.name in known for p in structure.parameters):
-            values = np.array([known[p.name] for p in structure.parameters])
-            stated = [
-                partial(search, records, theta=values),
-                partial(fit_of_growing_records, search, records, values),
-            ]
-            searches = (
-                [*stated, *searches] if shown and not structure.hosts and len(given) < len(known) else stated
-            )
+            searches.append(partial(self._from_motion, held, records, options))
+        if all(p.name in known for p in parameters):
+            values = np.array([known[p.name] for p in parameters])
+            grown = partial(fit_of_growing_records, search, records, values)
+            others = searches if shown and not structure.hosts and len(self.given) < len(known) else []
+            searches = [partial(search, records, theta=values), grown, *others]
         return attempts(searches)[0]
 
     def _from_motion(
-        self, held: Structure, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
+        self, held: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
         """A fit from starts along the motion that laws `held` without states follow.
 
         A state that is recorded with hardly any noise, by an equation that is not quite right, leads the search for all
         of a law astray.
         """
-        moving = [name for name in records[0].channels if name.kind != "state"]
+        structure, moving = self.structure, [name for name in records[0].channels if name.kind != "state"]
         bare = [record.select(moving) for record in records]
         errors = tuple(one for one in options.errors if one.channel in moving)
-        alone = self._searched(held, bare, replace(options, errors=errors))
+        alone = replace(self, structure=held)._from_starts(bare, replace(options, errors=errors))
         followed = _along(alone, framed_records(records, structure, integrated=True), structure)
-        best = memory_starts(followed, structure, dict(self.starts or {}))[0].values
-        if alone.interrupted:
-            fit = likelihood_fit(records, structure, best, options=replace(options, steps=1))
-            return replace(fit, status=alone.status)
-        return likelihood_fit(records, structure, best, options=options)
+        best = memory_starts(followed, structure, self.given)[0].values
+        steps = 1 if alone.interrupted else options.steps
+        fit = likelihood_fit(records, structure, best, options=replace(options, steps=steps))
+        return replace(fit, status=alone.status) if alone.interrupted else fit
+
+    def smoothest(self, fit: LikelihoodFit, records: Sequence[Record]) -> LikelihoodFit:
+        """The fit, or of motion that records show directly, the closest one to exact laws whose likelihood is quadratic."""
+        if self._remembers or self._integrates(records):
+            return fit
+
+        def refit(values: Floats, nodes: Floats, q: float) -> LikelihoodFit:
+            near = replace(fit.options, nodes=nodes, relaxation=q, tightest=q, model_error=False)
+            return likelihood_fit(records, self.structure, values, options=near)
+
+        return tightest_smooth_fit(fit, refit)
 
 
 def _along(fit: LikelihoodFit, framed_ones: Sequence[Record], structure: Structure) -> list[Record]:
@@ -451,27 +456,11 @@ def _refuse_dead(record: Record) -> None:
 def _about_rest(records: Sequence[Record], errors: Sequence[Term]) -> list[Record]:
     """The records with what channels of unknown offset show on average taken off, which may dwarf the motion."""
     unknown = [one.channel for one in of_kind(errors, Offset) if np.isinf(one.deviation)]
-    moved = []
-    for record in records:
-        columns = [record.channels.index(name) for name in unknown if name in record.channels]
-        values = record.values.copy()
+    columns = [name in unknown for name in records[0].channels]
+    moved = [record.values.copy() for record in records]
+    for values in moved:
         values[:, columns] -= np.nanmean(values[:, columns], axis=0)
-        moved.append(replace(record, values=values))
-    return moved
-
-
-def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Record]) -> LikelihoodFit:
-    """The fit, or of motion that the records show directly, the closest one to exact laws whose likelihood is quadratic."""
-    if structure.topology.states or structure.signals or structure.hosts:
-        return fit
-    if needs_integration(framed(records[0], structure, integrated=True).record, structure):
-        return fit
-
-    def refit(values: Floats, nodes: Floats, q: float) -> LikelihoodFit:
-        near = replace(fit.options, nodes=nodes, relaxation=q, tightest=q, model_error=False)
-        return likelihood_fit(records, structure, values, options=near)
-
-    return tightest_smooth_fit(fit, refit)
+    return [replace(record, values=values) for record, values in zip(records, moved, strict=True)]
 
 
 def _approximated(fit: LikelihoodFit, judgement: Judgement) -> tuple[LikelihoodFit | None, Judgement]:
@@ -500,14 +489,14 @@ def estimate_of(
     not tell a gain.
     """
     require_told(fit)
-    identified, fit = with_values(structure, fit), with_limits(fit)
+    fit = with_limits(fit)
     structures = (structure,) if offered is None else (offered, structure)
-    examined = Examined(fit, identified, structures, records, searched=offered is not None)
-    judgement = judge(examined)
+    examined = Examined(fit, structures, records, searched=offered is not None)
+    judgement, identified = judge(examined), examined.identified
     residuals = fit.misfit.residuals
     approximate, judgement = _approximated(fit, judgement) if offered is None else (None, judgement)
     if approximate is not None:
-        fit, identified = approximate, with_values(structure, approximate)
+        fit, identified = approximate, structure.with_values(approximate.by_name)
     covariance, faint = with_faint_modes(fit, identified)
     of_harmonics, frequencies, amplitudes = estimated_harmonics(fit, records)
     covariance = sum(judgement.added.values(), covariance) + of_harmonics
@@ -515,7 +504,7 @@ def estimate_of(
     of_sensors = (*sensor_errors(fit, units), *frequencies)
     of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find
     tested = None if approximate or judgement.verdict.forbids else examined.diagnosis.tested
-    unseen = unseen_terms(fit, identified, tested, covariance, terms=of_terms)
+    unseen = unseen_terms(fit, tested, covariance, terms=of_terms)
     return Estimate(
         method="ml",
         fit_verdicts=(judgement.verdict,),

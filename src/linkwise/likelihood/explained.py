@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -39,7 +39,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
 from linkwise.likelihood.checks.recording import EXCHANGES, copied_samples, corrected, likeliest_errors
 from linkwise.likelihood.checks.slips import slips
-from linkwise.likelihood.delays import Answer, Report, Search, with_delays
+from linkwise.likelihood.delays import Search, with_delays
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.harmonics import MAY_FADE, harmonic_forces
 from linkwise.likelihood.options import (
@@ -101,6 +101,16 @@ OF_HITS = "as of hits of"
 Rung = TypeVar("Rung")
 
 
+class Diagnosed(Protocol):
+    """An answer with a diagnosis of what it leaves."""
+
+    @property
+    def diagnosis(self) -> tuple[Cause, ...]: ...
+
+
+Answer = TypeVar("Answer", bound=Diagnosed)
+
+
 def explained(stated: Rung, beside: Callable[[Rung], Rung | None], most: int) -> Rung:
     """The last of answers from that as stated on, each `beside` what the one before lacks, of which `most` are added.
 
@@ -120,29 +130,25 @@ def answer_with_sensors(
     records: Sequence[Record],
     options: LikelihoodOptions,
     admitted: Sequence[str],
-    report: Report[Answer],
-    *,
-    finish: Callable[[LikelihoodFit, Sequence[Record]], LikelihoodFit],
+    report: Callable[[LikelihoodFit, Sequence[Record]], Answer],
 ) -> Answer:
-    """The answer by `options`, with errors of the `admitted` kinds added as long as one of them is diagnosed first.
-
-    `finish` gives the fit that is reported, of that at the delays and clocks which a search finds.
+    """The `report` on the fit by `options`, at the delays and clocks which the search finds, with errors of the `admitted`
+    kinds added as long as one of them is diagnosed first.
 
     An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, and a delay
     that cannot be found.
     """
     require_known_kinds(admitted)
-    answer, interrupted = with_delays(search, records, options, report, finish)
-    while not interrupted:
-        error = distinct_error(answer.diagnosis)
+    while True:
+        fit, taken = with_delays(search, records, options)
+        answer = report(fit, taken)
+        error = None if fit.interrupted else distinct_error(answer.diagnosis)
         if error is None or error.kind.removeprefix(OF_FORCE) not in admitted:
-            break
-        wider = with_error(options, error, records[0])
+            return answer
+        wider = with_error(options, error, records[0])  # no error is added twice, so that there is an end
         if wider is None:
-            break
+            return answer
         options = wider
-        answer, interrupted = with_delays(search, records, options, report, finish)
-    return answer
 
 
 def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:

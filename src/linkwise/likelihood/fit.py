@@ -5,7 +5,7 @@ It refuses gains of channels that the records do not tell, as of all that they s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -25,13 +25,14 @@ from linkwise.estimates.link_estimate import LinkMotion, extremes, forces_with_m
 from linkwise.likelihood.marginal import marginal_fit
 from linkwise.likelihood.noise import with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.problem import SAMPLES, SensorModel, shooting_problem
+from linkwise.likelihood.problem import SAMPLES, Problem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, searched
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus, AnnealingStep
-from linkwise.likelihood.shooting.residuals import Misfit, with_bounds_for
+from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.terms import Delay, Found, Gain, HighPass, Term, Unknown
+from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
@@ -50,8 +51,6 @@ def _undetermined_gains(found: Sequence[Found], covariance: Floats, parameters: 
 
     `covariance` (P, P) has the `parameters` first, and zero in rows of those at a bound.
     """
-    if not any(isinstance(one.term, Gain) for one in found):
-        return ()
     variance, alone = covariance.diagonal(), inflation_beside_others(covariance)
     firsts = parameters + np.cumsum([0, *(one.unknown.count for one in found)])
     return tuple(
@@ -80,10 +79,9 @@ def require_told(fit: LikelihoodFit) -> None:
 
     A search that was interrupted, or ended far from the records or without standard errors, does not say what they tell.
     """
-    converged = fit.converged
     explained = fit.has_errors and not fit.chi_square_off and not fit.interrupted
     gains = fit.undetermined_gains
-    if gains and (converged or explained):
+    if gains and (fit.converged or explained):
         raise IdentificationError(
             f"the records do not tell the gain of {', '.join(gains)}: another scale of forces, masses or motion explains "
             f"them as well. Leave {'it' if len(gains) == 1 else 'one of them'} out, or state how well it is "
@@ -174,6 +172,16 @@ class LikelihoodFit:
         """(p,) the estimates."""
         return self.optimum.point.theta
 
+    @property
+    def names(self) -> Sequence[Name]:
+        """Those of the parameters."""
+        return self.segments.system.parameters.names
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The estimates by the names of the parameters."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
+
     @cached_property
     def segments(self) -> Segments:
         """The records in segments."""
@@ -238,12 +246,6 @@ class LikelihoodFit:
         return bool((np.isfinite(variances) & (variances >= 0.0)).all())
 
 
-def with_values(structure: Structure, fit: LikelihoodFit) -> Structure:
-    """The structure with the values of a fit."""
-    names = fit.segments.system.parameters.names
-    return structure.with_values(dict(zip(names, fit.values.tolist(), strict=True)))
-
-
 @np.errstate(over="ignore", invalid="ignore")  # a trial may run to infinity; what it gives is checked
 def likelihood_fit(
     records: Sequence[Record],
@@ -279,48 +281,24 @@ def likelihood_fit(
         If records lack channels or differ in them, or the motion from the start is not finite.
     """
     options = options or LikelihoodOptions()
-    sensing = SensorModel.of(options.errors, options.random, records, structure)
-    records = [frame.record for frame in sensing.frames]
-    if options.random:
-        sparse = False
-    elif options.nodes is None:
-        sparse = is_sparse(records)
-    else:
-        sparse = options.nodes.shape[-1] == sum(map(len, records))
-    if not sparse:
-        return _fit(records, structure, theta, spread, sensing, options)
-    fitted = partial(_fit, records, structure)
-    return _fit_of_sparse(fitted, [len(record) for record in records], theta, spread, sensing, options)
-
-
-def _fit_of_sparse(
-    fitted: Callable[..., LikelihoodFit],
-    lengths: Sequence[int],
-    theta: Floats,
-    spread: Floats | None,
-    sensing: SensorModel,
-    options: LikelihoodOptions,
-) -> LikelihoodFit:
-    """The fit of exact laws to sparse samples of records of some `lengths`, or one with a model error if it leaves more.
-
-    The latter has segments of several samples: a model error of every single one could hardly be told from noise.
-    """
-    start = theta, spread, options.nodes
+    problem, nodes = Problem.of(options, records, structure), options.nodes
+    records = problem.records
+    sparse = is_sparse(records) if nodes is None else nodes.shape[-1] == sum(map(len, records))
+    if options.random or not sparse:
+        return _fit(problem, theta, spread, options)
+    # exact laws, or where they leave more a model error, in segments of several samples: one of every single sample could
+    # hardly be told from noise
     if options.relaxation is None:
-        strict = replace(options, model_error=False)
-        exact = fitted(theta, spread, replace(sensing, sparse=True), strict)
-        converged = exact.status is AnnealingStatus.CONVERGED
-        stopped = exact.status is AnnealingStatus.INTERRUPTED
-        if not options.model_error or stopped or (converged and not exact.chi_square_off):
+        exact = _fit(replace(problem, sparse=True), theta, spread, replace(options, model_error=False))
+        if not options.model_error or exact.interrupted or (exact.converged and not exact.chi_square_off):
             return exact
-        if converged:
-            start = exact.values, spread, exact.optimum.point.nodes
-    theta, spread, nodes = start
+        if exact.converged:
+            theta, nodes = exact.values, exact.optimum.point.nodes
     if nodes is not None:
-        ends = np.cumsum([0, *lengths])
+        ends = np.cumsum([0, *map(len, records)])
         firsts = [np.arange(first, last, SAMPLES) for first, last in pairwise(ends)]
         nodes = nodes[..., np.concatenate(firsts)]
-    return fitted(theta, spread, sensing, replace(options, nodes=nodes))
+    return _fit(problem, theta, spread, replace(options, nodes=nodes))
 
 
 def with_denoised(fit: LikelihoodFit, records: Sequence[Record], errors: Sequence[Term]) -> tuple[Term, ...]:
@@ -360,26 +338,17 @@ def _passed(motion: Floats, step: float, corner: float) -> Floats:
     return np.asarray(motion - 2.0 * np.pi * corner * integral)
 
 
-def _fit(
-    records: Sequence[Record],
-    structure: Structure,
-    theta: Floats,
-    spread: Floats | None,
-    sensing: SensorModel,
-    options: LikelihoodOptions,
-) -> LikelihoodFit:
-    """The fit of records in the coordinates of the equations, in the segments of `sensing`."""
-    known, lowest = sensing.stated(records), sensing.lowest(records)
+def _fit(problem: Problem, theta: Floats, spread: Floats | None, options: LikelihoodOptions) -> LikelihoodFit:
+    """The fit of records in the coordinates of the equations, in the segments of a problem."""
     # products run on threads of our own
     with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
         annealer = Annealer(executor, options.progress)
-        problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
-        start, fit = searched(problem, spread, options, annealer)
+        start, fit = searched(shooting_problem(problem, theta, spread), spread, options, annealer)
         if fit.misfit.segments.random is not None:
-            fit = marginal_fit(fit, known, annealer)
+            fit = marginal_fit(fit, problem.stated, annealer)
         else:
-            fit = with_noise_of_residuals(fit, annealer, lowest)
-        explained = explained_fit(start, fit, annealer, lowest=lowest, options=options)
+            fit = with_noise_of_residuals(fit, annealer, problem.lowest)
+        explained = explained_fit(start, fit, annealer, lowest=problem.lowest, options=options)
     fit, segments, ratios = explained.fit, explained.fit.misfit.segments, explained.error_ratios
     p = segments.system.parameters.size
     point = fit.point
@@ -387,17 +356,16 @@ def _fit(
     random_forces: tuple[RandomForceEstimate, ...] = ()
     if (random := segments.random) is not None:
         deviations = random.present * random.deviation.max(axis=1)
-        random_forces = force_estimates(sensing.random, deviations, records[0].rate)
+        random_forces = force_estimates(problem.random, deviations, problem.records[0].rate)
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
-    found = _found(sensing.unknowns, point.border[p:], deviations)
-    optimum = Optimum(replace(fit.misfit, segments=segments), fit.q, explained.noise, explained.coloured)
-    if explained.coloured is not None:
-        optimum = replace(optimum, of_white=fit.covariance[:p, :p])
+    found = _found(problem.unknowns, point.border[p:], deviations)
+    of_white = None if explained.coloured is None else fit.covariance[:p, :p]
+    misfit = replace(fit.misfit, segments=segments)
     return LikelihoodFit(
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
         found=found,
-        noise=_found_noise(fit, tuple(sensing.frames[0].names)),
+        noise=_found_noise(fit, tuple(problem.frames[0].names)),
         chi_square=explained.chi_square,
         chi_square_off=explained.chi_square_off,
         noise_from_misfit=explained.noise_from_misfit,
@@ -407,7 +375,7 @@ def _fit(
         samples=fit.samples,
         status=fit.status,
         path=fit.path,
-        optimum=optimum,
+        optimum=Optimum(misfit, fit.q, explained.noise, explained.coloured, of_white),
         prior_conflicts=_prior_conflicts(explained),
         undetermined_gains=_undetermined_gains(found, explained.covariance, p),
         random_forces=random_forces,
@@ -458,23 +426,27 @@ def motion_of_links(
     """
     records = framed_records(records, identified, integrated=True)
     segments, samples = fit.segments, len(fit.segments.samples)
-    states = fit.misfit.trajectories.states[segments.at_samples]
-    x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)
-    v = (states[:, 1] / segments.step).transpose(2, 0, 1).reshape(-1, identified.size)
     whole = [-(-len(record) // samples) * samples for record in records]
     firsts = np.cumsum([0, *whole[:-1]])
     own = np.concatenate([first + np.arange(len(one)) for first, one in zip(firsts, records, strict=True)])
+
+    def at_samples(values: Floats) -> Floats:
+        """(N, ...) values (M, ..., K) in segments at the samples of all records."""
+        return np.asarray(values.transpose(2, 0, 1).reshape(sum(whole), -1)[own])
+
+    states = fit.misfit.trajectories.states[segments.at_samples]
+    x, v = at_samples(states[:, 0]), at_samples(states[:, 1] / segments.step)
     base = rate = None
     if "x:base" in records[0].channels:
         base = np.concatenate([record.channel("x:base") for record in records])
         rate = np.concatenate([np.gradient(record.channel("x:base"), record.step) for record in records])
-    d, rates = identified.elongations(x[own], base), identified.elongations(v[own], rate)
-    memory = fit.misfit.trajectories.memory[segments.at_samples]
-    inside, count = memory.transpose(2, 0, 1).reshape(len(x), -1)[own].T, len(segments.system.states)
+    d, rates = identified.elongations(x, base), identified.elongations(v, rate)
+    inside = at_samples(fit.misfit.trajectories.memory[segments.at_samples]).T
+    count = len(segments.system.states)
     of_links = zip(segments.system.states, inside[:count], strict=True)
     signals = dict(zip(segments.inputs.signals, inside[count:], strict=True))
     left = fit.misfit.residuals if judged is None else judged
-    remains = np.where(segments.observed, left, np.nan).transpose(2, 0, 1).reshape(len(x), -1)[own]
+    remains = at_samples(np.where(segments.observed, left, np.nan))
     return LinkMotion(
         structure=identified,
         time=np.concatenate([record.time for record in records]),

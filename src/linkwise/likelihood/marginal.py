@@ -94,16 +94,10 @@ def relaxation(misfit: Misfit) -> float:
 
 
 def _gain_of_base(misfit: Misfit) -> Floats:
-    """(n,) root mean square of the accelerations of masses by a displacement of the base, along the `nodes`."""
-    segments, nodes, mechanics = misfit.segments, misfit.point.nodes, misfit.mechanics
-    system = segments.system
-    motion = system.incidence.T @ nodes[: 2 * len(system.incidence)].reshape(2, -1, nodes.shape[-1])
-    if segments.inputs.base is not None:
-        motion += system.base[:, None] * segments.inputs.base[0, 0, :, None]
-    signals = [values[:1, 0] for values in segments.inputs.signals.values()]
-    inside = np.concatenate([nodes[2 * len(system.incidence) :], *signals])
-    slopes = mechanics.partials(motion[0], motion[1], inside)
-    pulls = mechanics.gain @ (system.base[:, None] * slopes.by_d)
+    """(n,) root mean square of the accelerations of masses by a displacement of the base, where segments begin."""
+    (d, v), inside = misfit.trajectories.links[0], misfit.trajectories.memory[0]
+    slopes = misfit.mechanics.partials(d, v, inside)
+    pulls = misfit.mechanics.gain @ (misfit.segments.system.base[:, None] * slopes.by_d)
     return np.asarray(np.sqrt(np.mean(pulls**2, axis=1)))
 
 
@@ -130,7 +124,10 @@ def marginal_fit(fit: AnnealingFit, known_noise: Bools, annealer: Annealer) -> A
             return replace(fit, path=path)
         segments, change, logs, slope, border = _changes(fit, known_noise, annealer, slopes)
         misfit = replace(fit.misfit, segments=segments)
-        if change < _SETTLED and not _is_to_loosen(segments):
+        random = segments.random
+        # forces that vary within a segment leave no defects at first
+        loosens = random and random.varying is not None and random.varying.any() and random.weights is None
+        if change < _SETTLED and not loosens:
             return replace(fit, misfit=misfit, path=path)
         logs, before = _extrapolated(logs, before)
         misfit = _changed(misfit, logs, slope, border)
@@ -139,12 +136,6 @@ def marginal_fit(fit: AnnealingFit, known_noise: Bools, annealer: Annealer) -> A
         fit = annealer(misfit.at(misfit.point), AnnealingSchedule(initial_q=q, final_q=q))
         path = (*path, *fit.path)
     return replace(fit, path=path, status=AnnealingStatus.EXHAUSTED)
-
-
-def _is_to_loosen(segments: Segments) -> bool:
-    """Whether forces that vary within a segment leave no defects yet."""
-    random = segments.random
-    return bool(random and random.varying is not None and random.varying.any() and random.weights is None)
 
 
 def _loosened(misfit: Misfit, q: float) -> Segments:

@@ -143,14 +143,13 @@ OF_FORCE = "force "  # before the kind of an error of an applied force
 _LARGEST = 0.5  # relative deviation of a calibration: the first order does not hold for a sensor that may show half or twice
 
 
-def by_channel(
-    calibration: Mapping[str, float], responses: Sequence[str], inputs: Sequence[str] = ()
-) -> dict[str, float]:
+def _calibrated(calibration: Mapping[str, float], record: Record) -> dict[str, float]:
     """Relative deviations of gains by channel, and of that common to the responses; `ALL` stands for responses without one.
 
-    Raises IdentificationError for a channel that is neither a response nor among the `inputs`, or a deviation that is not
-    small and positive.
+    Raises IdentificationError for a channel that is neither a response nor an input that has a gain, or a deviation that is
+    not small and positive.
     """
+    responses, inputs = record.responses, (*record.forces, *accelerating_base(record))
     channels = (*responses, *inputs)
     for name, deviation in calibration.items():
         if name not in (*channels, ALL, COMMON):
@@ -200,7 +199,7 @@ def errors_to_find(records: Sequence[Record], sought: AskedFor) -> tuple[Term, .
     """
     offsets, gains, delays, clocks = sought.offsets, sought.gains, sought.delays, sought.clocks
     stated, first = _stated(records), records[0]
-    sigmas = _known_gains(gains, sought.calibration or {}, stated, first)
+    sigmas = _known_gains(sought, stated, first)
     _require_acting((*gains, *delays), records)
     late = [
         channel
@@ -223,16 +222,13 @@ def errors_to_find(records: Sequence[Record], sought: AskedFor) -> tuple[Term, .
 
 
 def _known_gains(
-    gains: Sequence[str],
-    calibration: Mapping[str, float],
-    stated: Mapping[str, SensorUncertainty],
-    record: Record,
+    sought: AskedFor, stated: Mapping[str, SensorUncertainty], record: Record
 ) -> dict[str, float]:
     """To within what each gain that is unknown is known, by channel; infinity where nothing is known of it."""
+    gains, calibration = sought.gains, sought.calibration or {}
     free = [name for name, known in stated.items() if isinf(known.gain)]
     known = {name: one.gain for name, one in stated.items() if one.gain and name not in (*free, *gains)}
-    inputs = (*record.forces, *accelerating_base(record))
-    calibrated = by_channel({**known, **calibration}, record.responses, inputs)
+    calibrated = _calibrated({**known, **calibration}, record)
     return dict.fromkeys((*gains, *free), inf) | {
         name: sigma for name, sigma in calibrated.items() if name in calibration or name not in free
     }

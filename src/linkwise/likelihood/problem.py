@@ -15,6 +15,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import (
     RandomForce,
     first_deviations,
@@ -22,7 +23,7 @@ from linkwise.likelihood.random_forces import (
     system_with,
     with_random_forces,
 )
-from linkwise.likelihood.shooting.residuals import Gaussian, Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Gaussian, Misfit, evaluate, with_bounds_for
 from linkwise.likelihood.shooting.segmentation import (
     cut,
     cut_segments,
@@ -43,10 +44,9 @@ from linkwise.likelihood.shooting.segments import (
 from linkwise.likelihood.shooting.system import MANY, System
 from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import segment_nodes, start_states
-from linkwise.likelihood.terms import Block, Term, Unknown, with_integrated
+from linkwise.likelihood.terms import Block, Unknown, with_integrated
 from linkwise.model.coefficient import MASS
 from linkwise.model.link import Link
-from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, COMMON, Channel
 from linkwise.records.record import Record
@@ -107,56 +107,58 @@ SAMPLES = 5
 
 
 @dataclass(frozen=True, eq=False)
-class SensorModel:
-    """What is unknown of sensors and inputs, and their noise.
+class Problem:
+    """A structure and records of it, with what is unknown of sensors and inputs, and their noise.
 
     Attributes
     ----------
+    structure : Structure
+        The structure.
+    frames : tuple of FramedRecord
+        The records in the coordinates of the equations.
+    records : sequence of Record
+        Those of the frames, with clipped readings where the likelihood of bounds is that of the loss.
     unknowns : tuple of Unknown
         What the errors put among the unknowns, in the order of these.
     noise : tuple of dict of str to float
         For each record the standard deviations of the noise by channel, in SI units.
-    frames : tuple of FramedRecord
-        The records in the coordinates of the equations.
     random : tuple of RandomForce
         Random forces on masses.
     sparse : bool
         Whether the records have so few samples a period that a flow over several is far from linear in its start.
     """
 
+    structure: Structure
+    frames: tuple[FramedRecord, ...]
+    records: Sequence[Record]
     unknowns: tuple[Unknown, ...]
     noise: tuple[dict[str, float], ...]
-    frames: tuple[FramedRecord, ...] = ()
-    random: tuple[RandomForce, ...] = ()
+    random: tuple[RandomForce, ...]
     sparse: bool = False
 
     @classmethod
-    def of(
-        cls,
-        errors: Sequence[Term],
-        random: Sequence[RandomForce],
-        records: Sequence[Record],
-        structure: Structure,
-    ) -> SensorModel:
-        """The sensors of records with some errors.
+    def of(cls, options: LikelihoodOptions, records: Sequence[Record], structure: Structure) -> Problem:
+        """The problem that options pose of records and a structure.
 
         Raises IdentificationError for an error that the records do not show, and for random forces beside integrals.
         """
         frames = tuple(framed(record, structure, integrated=True) for record in records)
         drifting = [name for frame in frames for name in frame.drifting]
-        if drifting and random:
+        if drifting and options.random:
             raise IdentificationError(
                 f"random forces and noise of inputs are not supported beside {drifting[0]}, which is not relative to the "
                 "base and shows integrals of its motion, noise of which counts as a drift: leave them out, state shorter "
                 "pieces of that (drift), or record the motion relative to the base"
             )
         noise = tuple(channel_noise(frame.record) for frame in frames)
-        for error in errors:
+        for error in options.errors:
             if refusal := error.refusal(records):
                 raise IdentificationError(refusal, arguments=(error.argument,))
-        every = (one for error in with_integrated(errors, frames) for one in error.unknowns(frames, noise))
-        unknowns = sorted(every, key=lambda unknown: (unknown.term.block, unknown.record))
-        return cls(tuple(unknowns), noise, frames, tuple(random))
+        errors, noisy = with_integrated(options.errors, frames), tuple(zip(frames, noise, strict=True))
+        every = (one for error in errors for one in error.unknowns(noisy))
+        unknowns = tuple(sorted(every, key=lambda unknown: (unknown.term.block, unknown.record)))
+        bounded = with_bounds_for(options.loss, [frame.record for frame in frames])
+        return cls(structure, frames, bounded, unknowns, noise, tuple(options.random))
 
     def of_block(self, block: Block) -> list[Unknown]:
         """The unknowns of one block."""
@@ -166,25 +168,17 @@ class SensorModel:
         """Those of the unknowns of one block, which have one size each."""
         return [unknown.channel for unknown in self.of_block(block)]
 
-    def units(self, step: float) -> Floats:
-        """(o + w + g + l,) units of the unknowns in a search: the noise of the channel, 1 of a gain, and the time `step`."""
-        of_block = {Block.GAINS: 1.0, Block.DELAYS: step}
+    @property
+    def units(self) -> Floats:
+        """(o + w + g + l,) units of the unknowns in a search: the noise of the channel, 1 of a gain, and a step of time."""
+        of_block = {Block.GAINS: 1.0, Block.DELAYS: self.records[0].step}
         units = [of_block.get(one.term.block, self.noise[0].get(one.channel, 1.0)) for one in self.unknowns]
         return np.repeat(units, [unknown.count for unknown in self.unknowns])
 
-    def prior(self, parameters: Sequence[Parameter]) -> Prior | None:
-        """What is known beforehand of parameters and of the other unknowns; None where nothing is known.
-
-        Parameters
-        ----------
-        parameters : sequence of Parameter
-            The parameters of the structure.
-
-        Returns
-        -------
-        Prior or None
-            The prior.
-        """
+    @property
+    def prior(self) -> Prior | None:
+        """What is known beforehand of parameters and of the other unknowns; None where nothing is known."""
+        parameters = self.structure.parameters
         known = [(0.0 if one.start is None else one.start, one.sigma) for one in parameters]
         known += [pair for unknown in self.unknowns for pair in unknown.known]
         mean, deviation = np.array(known).reshape(-1, 2).T
@@ -199,55 +193,39 @@ class SensorModel:
     @property
     def centred(self) -> bool:
         """Whether samples are in the middle of segments: accelerations show ambient forces, as a mean over the time around."""
-        record = self.frames[0].record if self.frames else None
-        if record is None or not self.random or record.inputs:
-            return False
-        return any(channel.kind == "a" for channel in record.responses)
+        record = self.records[0]
+        alone = bool(self.random) and not record.inputs
+        return alone and any(channel.kind == "a" for channel in record.responses)
 
     @property
     def sigma(self) -> Floats:
         """(C,) standard deviations of the noise in the first record; those of others are relative to it."""
         return np.array(list(self.noise[0].values()))
 
-    def stated(self, records: Sequence[Record]) -> Bools:
+    @property
+    def stated(self) -> Bools:
         """(C,) whether a record states the noise of a channel."""
-        return np.array([any(name in record.noise for record in records) for name in self.noise[0]])
+        return np.array([any(name in record.noise for record in self.records) for name in self.noise[0]])
 
-    def lowest(self, records: Sequence[Record]) -> Floats:
+    @property
+    def lowest(self) -> Floats:
         """(C,) the least deviations of the noise that residuals may show: infinite where a record states it."""
-        floors = [noise_floor(record) for record in records]
+        floors = [noise_floor(record) for record in self.records]
         least = [max(floor[name] for floor in floors) for name in self.noise[0]]
-        return np.where(self.stated(records), np.inf, least)
+        return np.where(self.stated, np.inf, least)
 
-    def segments(
-        self, records: Sequence[Record], structure: Structure, system: System, refine: int
-    ) -> Segments:
-        """Cut records into segments.
-
-        Parameters
-        ----------
-        records : sequence of Record
-            The records.
-        structure : Structure
-            The structure.
-        system : System
-            The structure as arrays.
-        refine : int
-            Steps of the flow per sample.
-
-        Returns
-        -------
-        Segments
-            The segments.
-        """
+    def segments(self, system: System, refine: int) -> Segments:
+        """The records in segments, by the structure as arrays, with so many steps of the flow per sample."""
+        records = self.records
+        structure = with_random_forces(self.structure, [force.place for force in self.random])
         require_same_channels(records)
         noise = [np.array(list(own.values())) / self.sigma for own in self.noise[1:]]
         segments = cut_segments(records, structure, system, samples=self.samples, refine=refine, noise=noise)
         segments = replace(
             segments,
             sensors=self._sensors(segments.sensors, records[0].responses),
-            prior=self.prior(structure.parameters),
-            waveforms=self._waveforms(records),
+            prior=self.prior,
+            waveforms=self._waveforms(),
             clipped=None if self.random else segments.clipped,
             centred=self.centred,
         )
@@ -272,14 +250,14 @@ class SensorModel:
             waveforms=sum(unknown.count for unknown in self.of_block(Block.WAVEFORMS)),
         )
 
-    def _waveforms(self, records: Sequence[Record]) -> Waveforms | None:
+    def _waveforms(self) -> Waveforms | None:
         """What is added to the samples over time, in each record its own; None without any."""
         unknowns = self.of_block(Block.WAVEFORMS)
         if not unknowns:
             return None
-        shown = [records[0].responses.index(unknown.channel) for unknown in unknowns]
+        shown = [self.records[0].responses.index(unknown.channel) for unknown in unknowns]
         parts = []
-        for number, record in enumerate(records):
+        for number, record in enumerate(self.records):
             shapes = [
                 one.shapes if one.record == number else np.zeros((len(record), one.count)) for one in unknowns
             ]
@@ -300,27 +278,29 @@ def require_force_scale(
 
     Forces of `unknown_gains`, of which nothing is known, would change with them.
     """
-    if structure.hosts or not all(link.law.is_plain for link in structure.links):
-        return
     channels = dict.fromkeys(name for record in records for name in record.channels)
     forces = [name for name in channels if name.kind in ("force", "f")]
-    if not set(forces) <= set(unknown_gains):
-        return
-    if any(parameter.sigma < np.inf for parameter in structure.parameters):
-        return
     free = {member for parameter in structure.parameters for member in parameter.members}
-    if all((-1 - index, MASS) in free for index in range(len(structure.masses))) and all(
-        _scales(link, {name for index, name in free if index == number})
-        for number, link in enumerate(structure.links)
-    ):
-        if not forces:
-            raise IdentificationError(NO_FORCE_SCALE)
-        raise IdentificationError(
-            f"nothing tells the gain of {', '.join(forces)}: every mass and coefficient is unknown, and a larger force on "
-            "larger ones makes the same motion. Give one mass or coefficient a number, or state how well the gain is known, "
-            "by a calibration",
-            arguments=("calibration",),
+    told = (
+        structure.hosts
+        or not set(forces) <= set(unknown_gains)
+        or any(parameter.sigma < np.inf for parameter in structure.parameters)
+        or not all((-1 - index, MASS) in free for index in range(len(structure.masses)))
+        or not all(
+            link.law.is_plain and _scales(link, {name for index, name in free if index == number})
+            for number, link in enumerate(structure.links)
         )
+    )
+    if told:
+        return
+    if not forces:
+        raise IdentificationError(NO_FORCE_SCALE)
+    raise IdentificationError(
+        f"nothing tells the gain of {', '.join(forces)}: every mass and coefficient is unknown, and a larger force on larger "
+        "ones makes the same motion. Give one mass or coefficient a number, or state how well the gain is known, by a "
+        "calibration",
+        arguments=("calibration",),
+    )
 
 
 def _scales(link: Link, free: set[str]) -> bool:
@@ -358,27 +338,17 @@ class ShootingProblem:
     scales: Scales
 
 
-def shooting_problem(
-    records: Sequence[Record],
-    structure: Structure,
-    theta: Floats,
-    spread: Floats | None,
-    sensing: SensorModel,
-) -> ShootingProblem:
+def shooting_problem(problem: Problem, theta: Floats, spread: Floats | None) -> ShootingProblem:
     """The multiple-shooting problem of some records.
 
     Parameters
     ----------
-    records : sequence of Record
-        The records.
-    structure : Structure
-        The structure.
+    problem : Problem
+        Records and structure, what is unknown of the channels, and their noise.
     theta : array of shape (p,)
         Starting values of the parameters.
     spread : array of shape (p,) or None
         Their standard deviations, where known.
-    sensing : SensorModel
-        What is unknown of the channels, and their noise.
 
     Returns
     -------
@@ -390,17 +360,16 @@ def shooting_problem(
     IdentificationError
         If it needs more memory than is free.
     """
-    places = [force.place for force in sensing.random]
+    records, structure = problem.records, problem.structure
+    places = [force.place for force in problem.random]
     system = system_with(structure, places, min(record.step for record in records))
-    count = sum(-(-len(record) // sensing.samples) for record in records)
+    count = sum(-(-len(record) // problem.samples) for record in records)
     require_room(count, structure.size, system.dimension, system.parameters.size)
     keep_freed_memory()
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
-    pairs = zip(records, sensing.noise, strict=True)
-    starts = [start_states(record, valued, noise, sensing.samples) for record, noise in pairs]
-    deviations = np.zeros(0)
-    if sensing.random:
-        deviations = first_deviations(sensing.random, sensing.frames[0], valued, starts[0].v)
+    pairs = zip(records, problem.noise, strict=True)
+    starts = [start_states(record, valued, noise, problem.samples) for record, noise in pairs]
+    deviations = first_deviations(problem.random, problem.frames[0], valued, starts[0].v)
     unit = np.maximum(np.abs(theta), 0.0 if spread is None else spread)
     if system.shapes is not None:  # which may be small, beside a node
         priors = np.array([parameter.sigma for parameter in structure.parameters])[system.shapes.columns]
@@ -408,41 +377,37 @@ def shooting_problem(
             unit[system.shapes.columns], np.where(np.isfinite(priors), priors, 0.0)
         )
     scales = Scales(
-        sensing.sigma,
+        problem.sigma,
         # the record with the least noise needs the tightest flow
         np.append(np.min([start.scale for start in starts], axis=0), deviations),
-        np.concatenate([np.where(unit > 0.0, unit, 1.0), sensing.units(records[0].step)]),
+        np.concatenate([np.where(unit > 0.0, unit, 1.0), problem.units]),
     )
-    nodes = segment_nodes(starts, sensing.samples)
-    added = sum(unknown.count for unknown in sensing.unknowns if unknown.term.block <= Block.WAVEFORMS)
+    nodes = segment_nodes(starts, problem.samples)
+    added = sum(unknown.count for unknown in problem.unknowns if unknown.term.block <= Block.WAVEFORMS)
     point = Iterate(
         np.concatenate([nodes, np.zeros((len(places), nodes.shape[1]))]),
         np.clip(theta, system.parameters.lower, system.parameters.upper),
         np.zeros(added),
-        np.ones(len(sensing.of_block(Block.GAINS))),
-        np.zeros(len(sensing.of_block(Block.DELAYS))),
+        np.ones(len(problem.of_block(Block.GAINS))),
+        np.zeros(len(problem.of_block(Block.DELAYS))),
     )
-    cut = partial(sensing.segments, records, with_random_forces(structure, places), system)
-    segments = _fine_segments(cut, point, scales, least=2 if sensing.centred else 1)
-    if sensing.random:
-        segments = replace(
-            segments, random=_random_states(segments, structure, sensing, deviations, records[0].step)
-        )
+    cut = partial(problem.segments, system)
+    segments = _fine_segments(cut, point, scales, least=2 if problem.centred else 1)
+    if problem.random:
+        segments = replace(segments, random=_random_states(segments, problem, deviations))
     return ShootingProblem(segments, point, scales)
 
 
-def _random_states(
-    segments: Segments, structure: Structure, sensing: SensorModel, deviations: Floats, step: float
-) -> RandomStates:
-    """Random forces with `deviations` (r,) in a record with this `step`; those of ambient ones follow the rate of each."""
-    rate = np.sqrt(step / (segments.step * segments.refine))
-    ambient = np.array([force.ambient for force in sensing.random])
-    acting = np.stack([_noisy_part(segments, structure, force) for force in sensing.random])
+def _random_states(segments: Segments, problem: Problem, deviations: Floats) -> RandomStates:
+    """Random forces with `deviations` (r,) in the first record; those of ambient ones follow the rate of each."""
+    rate = np.sqrt(problem.records[0].step / (segments.step * segments.refine))
+    ambient = np.array([force.ambient for force in problem.random])
+    acting = np.stack([_noisy_part(segments, problem.structure, force) for force in problem.random])
     return RandomStates(
         rows=np.arange(segments.system.dimension - len(deviations), segments.system.dimension),
         deviation=deviations[:, None] * np.where(ambient[:, None], rate, acting),
-        is_estimated=np.array([force.deviation is None for force in sensing.random]),
-        shown=shown_directly(sensing.random, sensing.frames[0]),
+        is_estimated=np.array([force.deviation is None for force in problem.random]),
+        shown=shown_directly(problem.random, problem.frames[0]),
         varying=None
         if (segments.sensors.kind == A).any() and not segments.centred
         else ambient,  # of accelerations

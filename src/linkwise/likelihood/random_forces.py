@@ -19,7 +19,14 @@ from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.expression import symbols
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.terms import Disturbance, HighPass, Stated, Term, late_beside_clocks
+from linkwise.likelihood.terms import (
+    Disturbance,
+    HighPass,
+    Stated,
+    Term,
+    late_beside_clocks,
+    numbers_by_channel,
+)
 from linkwise.model.law import Law, LinkState
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.named_laws import LAG
@@ -101,12 +108,6 @@ class RandomForce:
     def where(self) -> str:
         """The mass of an ambient force, else the channel."""
         return self.place if self.ambient or self.of_base else f"{_INPUT}{self.place}"
-
-    def of_samples(self, rate: float) -> float:
-        """Standard deviation in N of samples at `rate`, NaN where it is to be found."""
-        if self.deviation is None:
-            return float("nan")
-        return self.deviation * float(np.sqrt(rate / 2.0)) if self.ambient else self.deviation
 
 
 def random_forces(
@@ -257,14 +258,11 @@ def _require_white(channel: str, record: Record, structure: Structure) -> None:
 
 
 def _by_name(given: Stated, names: Sequence[str]) -> dict[str, float | None]:
+    """What is stated by name; `ALL` stands for each of the `names` that is not."""
     expect("ambient and input_noise", given, str, Mapping, tuple, list)
-    if isinstance(given, str):
-        given = (given,)
-    stated = dict(given) if isinstance(given, Mapping) else dict.fromkeys(given, None)
-    if ALL not in stated:
-        return stated
-    every = stated.pop(ALL)
-    return dict.fromkeys(names, every) | stated
+    stated = numbers_by_channel(given)
+    every: dict[str, float | None] = dict.fromkeys(names, stated.pop(ALL)) if ALL in stated else {}
+    return every | stated
 
 
 def _positive(value: float | None, quantity: str, unit: str) -> float | None:
@@ -285,28 +283,20 @@ def refuse_beside_random_forces(
     records: Sequence[Record],
 ) -> None:
     """IdentificationError for what is not estimated, or not tested, beside random forces."""
-    delays = late_beside_clocks(errors)
     disturbed = [one.channel for one in errors if isinstance(one, Disturbance | HighPass)]
     of_links = [channel for record in records for channel in record.channels if channel.of_link]
+    take_out = "find it in a record without such forces, and take it out (without_delays)"
     refused = (
-        (
-            delays,
-            f"a delay of {', '.join(delays)}",
-            "find it in a record without such forces, and take it out (without_delays)",
-        ),
-        (
-            admitted,
-            f"errors of sensors to be admitted ({', '.join(admitted)})",
-            "name the channels (offsets, gains)",
-        ),
-        (disturbed, f"drift, hum or high pass of {', '.join(disturbed)}", "filter these channels"),
-        (robust, "a robust loss", "mark outliers as missing (mark_missing)"),
-        (of_links, ", ".join(of_links), "leave these channels out of the record"),
+        (late_beside_clocks(errors), "a delay of {}", take_out),
+        (admitted, "errors of sensors to be admitted ({})", "name the channels (offsets, gains)"),
+        (disturbed, "drift, hum or high pass of {}", "filter these channels"),
+        (["loss"] * robust, "a robust loss", "mark outliers as missing (mark_missing)"),
+        (of_links, "{}", "leave these channels out of the record"),
     )
     for given, description, instead in refused:
         if given:
             raise IdentificationError(
-                f"random forces and {description} cannot be estimated together yet: {instead}"
+                f"random forces and {description.format(', '.join(given))} cannot be estimated together yet: {instead}"
             )
 
 
@@ -378,12 +368,13 @@ def first_deviations(
     record = frame.record
     out = []
     for force in forces:
-        deviation = force.of_samples(record.rate)
-        if np.isnan(deviation) and force.ambient:
+        if force.deviation is not None:
+            deviation = force.deviation * float(np.sqrt(record.rate / 2.0) if force.ambient else 1.0)
+        elif force.ambient:
             index = structure.mass_names.index(force.place)
             inertia = structure.mass_values[index] * np.gradient(velocities[index], record.step)
             deviation = _FIRST_GUESS * float(np.sqrt(np.mean(inertia**2)))
-        elif np.isnan(deviation):
+        else:
             moved = force.place == f"a:{BASE}"
             applied = frame.acceleration if moved else record.channel(force.where)
             assert applied is not None

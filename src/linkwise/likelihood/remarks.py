@@ -48,13 +48,8 @@ def fit_remarks(
     tuple of str
         Sentences on random forces, on sensors, with standard errors, and on other values that are as likely.
     """
-    names = fit.segments.system.parameters.names
-    tied = [
-        "Another set of values explains the records as well: "
-        f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
-        for values in fit.others
-    ]
-    loosened = [_LOOSENED] if is_loosened(fit) else []
+    others = (zip(fit.names, values, strict=True) for values in fit.others)
+    tied = (", ".join(f"{name} = {value:.4g}" for name, value in pairs) for pairs in others)
     return (
         *(force.description for force in fit.random_forces),
         *(error.description for error in sensor_errors),
@@ -64,8 +59,8 @@ def fit_remarks(
             if isinstance(found.term, Disturbance)
         ),
         *_unused_bounds(fit, records),
-        *loosened,
-        *tied,
+        *[_LOOSENED] * is_loosened(fit),
+        *(f"Another set of values explains the records as well: {values}." for values in tied),
         *_of_faint_modes(faint),
     )
 
@@ -87,7 +82,7 @@ def inseparable(fit: LikelihoodFit) -> tuple[str, ...]:
         return ()
     free = np.flatnonzero(fit.free)
     inflation = inflation_beside_others(fit.covariance)[free]
-    names = [fit.segments.system.parameters.names[column] for column in free[inflation > _INSEPARABLE]]
+    names = [fit.names[column] for column in free[inflation > _INSEPARABLE]]
     if len(names) < 2:
         return ()
     return (
@@ -143,8 +138,10 @@ def _of_faint_modes(faint: Sequence[Name]) -> Iterator[str]:
     for name in faint:
         by_mode.setdefault(name.owner, []).append(name)
     for names in by_mode.values():
-        verb, intervals = (
+        are, intervals = (
             ("is", "its interval is that") if len(names) == 1 else ("are", "their intervals are those")
         )
-        subject = f"{' and '.join(names)} {verb} hardly determined by the record"
-        yield f"{subject}, whose noise hides the mode: {intervals} of the prior."
+        yield (
+            f"{' and '.join(names)} {are} hardly determined by the record, whose noise hides the mode: {intervals} of the "
+            "prior."
+        )

@@ -38,6 +38,8 @@ from linkwise.signals.base_frame import FramedRecord
 
 Stated: TypeAlias = str | Sequence[str] | Mapping[str, float | None]
 """A channel, several, or numbers by channel, None where one is not stated."""
+NoisyFrames: TypeAlias = Sequence[tuple[FramedRecord, Mapping[str, float]]]
+"""Records in the coordinates of the equations, with the standard deviations of their noise by channel."""
 PPM = 1e-6
 PIECES, MOST_PIECES = 8, 64
 """Pieces of a drift in each record, and the most that may be asked for: more would follow the motion itself."""
@@ -45,6 +47,12 @@ _FASTEST = 5e4  # ppm: beyond, a record has another rate
 _STATED = 1e-4  # relative: to which a corner that is stated is known, so that the equations need no case of their own
 _BINS = 15  # of a spectrum, over which its power is averaged
 _TINY = float(np.finfo(float).tiny)
+
+
+def numbers_by_channel(stated: Stated) -> dict[str, float | None]:
+    """The numbers that are stated, None where one is not."""
+    names = (stated,) if isinstance(stated, str) else stated or ()
+    return dict(names) if isinstance(names, Mapping) else dict.fromkeys(names)
 
 
 class Block(IntEnum):
@@ -171,11 +179,9 @@ class Term(ABC):
         """The channels of which there may be one."""
         return record.responses
 
-    def unknowns(
-        self, frames: Sequence[FramedRecord], noises: Sequence[Mapping[str, float]]
-    ) -> Iterator[Unknown]:
-        """What is unknown of it in records with some noise by channel."""
-        yield Unknown(self, frames[0].names.get(self.channel, self.channel), [self.known])
+    def unknowns(self, frames: NoisyFrames) -> Iterator[Unknown]:
+        """What is unknown of it in some records."""
+        yield Unknown(self, frames[0][0].names.get(self.channel, self.channel), [self.known])
 
     def estimate(self, value: float, error: float, unit: str) -> SensorErrorEstimate | None:
         """How its size is reported, in the unit of the channel or its own; None of what is told in sentences or was stated."""
@@ -309,8 +315,7 @@ class Waveform(Term):
     def stated(cls, stated: Stated) -> list[Self]:
         """Those of channels, with a number where one is stated; IdentificationError for one that cannot be."""
         kind: Any = cls
-        names = (stated,) if isinstance(stated, str) else stated or ()
-        numbers = names if isinstance(names, Mapping) else dict.fromkeys(names)
+        numbers = numbers_by_channel(stated)
         for name, number in numbers.items():
             if number is not None and not (_is_number(number) and cls.is_possible(number)):
                 raise IdentificationError(cls.wrong.format(name=name, number=number))
@@ -325,10 +330,8 @@ class Waveform(Term):
         """(N,) what its columns follow from, in the record of this number."""
         return frame.record.channel(frame.names[self.channel])
 
-    def unknowns(
-        self, frames: Sequence[FramedRecord], noises: Sequence[Mapping[str, float]]
-    ) -> Iterator[Unknown]:
-        for number, (frame, noise) in enumerate(zip(frames, noises, strict=True)):
+    def unknowns(self, frames: NoisyFrames) -> Iterator[Unknown]:
+        for number, (frame, noise) in enumerate(frames):
             columns = self.columns(Shown.in_record(frame.record, self.seen(frame, number, noise)))
             known = [self.known, *[(0.0, inf)] * (len(columns) - 1)]
             yield Unknown(self, frame.names[self.channel], known, number, np.stack(columns, axis=1))
@@ -567,11 +570,9 @@ class Clock(Waveform):
         passed = np.clip(1.0 - noise[name] ** 2 / np.maximum(power, _TINY), 0.0, 1.0)
         return np.fft.irfft(passed * spectrum, len(value))
 
-    def unknowns(
-        self, frames: Sequence[FramedRecord], noises: Sequence[Mapping[str, float]]
-    ) -> Iterator[Unknown]:
+    def unknowns(self, frames: NoisyFrames) -> Iterator[Unknown]:
         for one in self._of_members:
-            yield from (replace(of_one, term=self) for of_one in Waveform.unknowns(one, frames, noises))
+            yield from (replace(of_one, term=self) for of_one in Waveform.unknowns(one, frames))
 
     def estimate(self, value: float, error: float, unit: str) -> SensorErrorEstimate | None:
         return super().estimate(self.taken_out + self._sign * value, error, unit)
@@ -651,14 +652,12 @@ def with_integrated(errors: Sequence[Term], frames: Sequence[FramedRecord]) -> t
     stated = {one.channel: one for one in of_kind(errors, Drift)}
     drifts = [replace(stated.get(name, Drift(name)), anywhere=name not in held) for name in integrals]
     anywhere = {one.channel for one in drifts if one.anywhere}
-    others = (one for one in errors if not (isinstance(one, Drift) and one.channel in integrals))
-    return (
-        *(
-            replace(one, drift=True) if isinstance(one, HighPass) and one.channel in anywhere else one
-            for one in others
-        ),
-        *drifts,
+    others = (
+        replace(one, drift=True) if isinstance(one, HighPass) and one.channel in anywhere else one
+        for one in errors
+        if not (isinstance(one, Drift) and one.channel in integrals)
     )
+    return (*others, *drifts)
 
 
 def known_to_within(errors: Sequence[Term], deviations: Mapping[str, float]) -> tuple[Term, ...] | None:

@@ -10,7 +10,6 @@ which a single change hardly touches (von Neumann, Annals of Mathematical Statis
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +25,6 @@ from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.diagnosis import TestedCauses
 from linkwise.records.record import Record
-from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
 
 _JUDGED = (
@@ -66,17 +64,12 @@ def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
         return None
     # beside what laws lack, in words, if that shows it
     explained = f"{beside}, one value" if beside else "One value"
-    return replace(
-        before,
-        verdict=Verdict.COEFFICIENT_CHANGES,
-        message=(
-            f"{explained} of {change.where} does not explain all of the record: {change.description} would lower -2 log "
-            f"likelihood by {change.gain:.3g}, more than any missing term or error of a sensor. An interval would include "
-            "neither value: identify the parts of the record before and after it by themselves."
-        ),
-        diagnosis=(change, *before.diagnosis),
-        added={},
+    message = (
+        f"{explained} of {change.where} does not explain all of the record: {change.description} would lower -2 log "
+        f"likelihood by {change.gain:.3g}, more than any missing term or error of a sensor. An interval would include "
+        "neither value: identify the parts of the record before and after it by themselves."
     )
+    return before.overruled(Verdict.COEFFICIENT_CHANGES, message, change)
 
 
 def likeliest_change(
@@ -151,5 +144,4 @@ def _scores(fit: LikelihoodFit, tested: TestedCauses | None) -> tuple[Segments, 
         return tested.longer.segments, tested.block_scores
     if blocks_of_scatter(fit.segments) == 1:
         return fit.segments, None
-    with one_blas_thread():
-        return fit.segments, fit.optimum.scores
+    return fit.segments, fit.optimum.scores

@@ -27,7 +27,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import format_both
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.fit import LikelihoodFit, with_values
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import is_long, relaxation
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import BLOCKS, FEWEST, BlockScores, Optimum, blocks_of_scatter
@@ -37,7 +37,6 @@ from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.model.coefficient import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
-from linkwise.runtime import one_blas_thread
 
 _REACH = {10.0: 1, 3.0: 1, 1.0: 1, 0.3: 2, 0.1: 4, 0.03: 7, 0.01: 27}
 """How many segments the error of a state reaches at each relaxation, as measured with an oscillator of 10 Hz."""
@@ -73,7 +72,7 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | str:
             f"The record is too short to compare parts of it: take {longer:g} times as much of such motion, of several "
             "records together where one ends before."
         )
-    path = _from_exact(fit)[::-1] if fit.noise_from_misfit else _path(fit)
+    path = _path(fit)
     moves = [_largest_move(before, after) for before, after in pairwise(path)]
     alone = path and not fit.noise_from_misfit and path[0].fit.optimum.q < _with_blocks(fit.optimum)[-1]
     if not (moves or alone):
@@ -95,7 +94,7 @@ def _turning(fit: LikelihoodFit, path: Sequence[_Horizon]) -> str:
     loose, tight = path[0].fit.values, path[-1].fit.values
     most = int(np.argmax(np.abs(tight - loose) / deviations * fit.free))
     first, last = (format_both(values[most], deviations[most])[0] for values in (loose, tight))
-    name = fit.segments.system.parameters.names[most]
+    name = fit.names[most]
     return (
         f"{name} is {first} over short horizons and {last} over long ones, which no interval holds: hold it at a known value, "
         "or take a part of the record over which it is the same."
@@ -121,18 +120,17 @@ def _largest_move(before: _Horizon, after: _Horizon) -> float:
 
 
 def _path(fit: LikelihoodFit) -> list[_Horizon]:
-    """The optima at tighter and tighter relaxations, from the likeliest one on, as long as they are found and have blocks."""
-    exact = fit.optimum.q <= AnnealingSchedule.final_q
-    loosest = _LOOSE if exact else fit.optimum.q
-    return _followed(fit, [loosest, *(q for q in _with_blocks(fit.optimum) if q < loosest)])
+    """The optima at tighter and tighter relaxations, from the likeliest one on, as long as they are found and have blocks.
 
-
-def _from_exact(fit: LikelihoodFit) -> list[_Horizon]:
-    """A fit of exact laws, and the optima at looser and looser relaxations as long as they are found: over short horizons
-    a record may not tell what it does over long ones, as the motion of many modes by few sensors.
+    Those of a fit of exact laws beside the noise that they leave are sought from there, at looser and looser ones: over short
+    horizons a record may not tell what it does over long ones, as the motion of many modes by few sensors.
     """
-    exact = _Horizon(fit, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0)))
-    return [exact, *_followed(fit, [q for q in reversed(_with_blocks(fit.optimum)) if q <= _LOOSE])]
+    relaxations = _with_blocks(fit.optimum)
+    if fit.noise_from_misfit:
+        exact = _Horizon(fit, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0)))
+        return [exact, *_followed(fit, [q for q in reversed(relaxations) if q <= _LOOSE])][::-1]
+    loosest = _LOOSE if fit.optimum.q <= AnnealingSchedule.final_q else fit.optimum.q
+    return _followed(fit, [loosest, *(q for q in relaxations if q < loosest)])
 
 
 def _followed(fit: LikelihoodFit, relaxations: Iterable[float]) -> list[_Horizon]:
@@ -164,9 +162,8 @@ def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> _Horizon | None:
     optimum = replace(fit.optimum, misfit=found.misfit, q=found.q, coloured=None, of_white=None)
     if blocks_of_scatter(optimum.segments) == 1:
         return None
-    with one_blas_thread():
-        noise, _ = evidence(found)
-        scores = optimum.block_scores(BLOCKS[0])
+    noise, _ = evidence(found)
+    scores = optimum.block_scores(BLOCKS[0])
     if scores is None:
         return None
     try:
@@ -252,7 +249,8 @@ def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Ch
     if closer.status is not AnnealingStatus.CONVERGED or not np.isfinite(left):
         return None
     closest = fit.at(tight, closer, optimum.noise**2 * closer.covariance)
-    return CloserFit(closest, left, diagnose(closest, with_values(identified, closest), channels, terms=True))
+    there = identified.with_values(closest.by_name)
+    return CloserFit(closest, left, diagnose(closest, there, channels, terms=True))
 
 
 def _tightened(optimum: Optimum, factor: float) -> Optimum:
@@ -275,7 +273,7 @@ def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> tuple[Cause, float, fl
         return None
     change, shift = 0.0, 0.0
     if causes[0].shifted:
-        number = fit.segments.system.parameters.names.index(causes[0].shifted)
+        number = fit.names.index(causes[0].shifted)
         error = float(np.sqrt(closer.fit.covariance[number, number]))
         changed, tiny = causes[0].shift * error, np.finfo(float).tiny
         change = changed / max(abs(float(fit.values[number])), tiny)

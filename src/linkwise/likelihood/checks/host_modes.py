@@ -16,11 +16,10 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.judgement import Examined, Judgement
-from linkwise.likelihood.fit import LikelihoodFit, motion_of_links
+from linkwise.likelihood.fit import motion_of_links
 from linkwise.modal.measurement import ModalMeasurement
 from linkwise.modal.pursuit import Projection, best_addition
 from linkwise.model.host import Host
-from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
@@ -53,13 +52,8 @@ def modes_of_hosts(of: Examined, before: Judgement) -> Judgement | None:
         "its sensors: state that mode, or keep it of the matrices"
         for cause in causes
     ]
-    return replace(
-        before,
-        verdict=Verdict.UNEXPLAINED_FORCES,
-        message=f"The structure does not explain the record: {'; '.join(parts)}.",
-        diagnosis=(*causes, *before.diagnosis),
-        is_final=True,
-    )
+    message = f"The structure does not explain the record: {'; '.join(parts)}."
+    return before.overruled(Verdict.UNEXPLAINED_FORCES, message, *causes, is_final=True)
 
 
 def _lacking_modes(of: Examined) -> Iterator[Cause]:
@@ -68,7 +62,7 @@ def _lacking_modes(of: Examined) -> Iterator[Cause]:
     if not of.fit.chi_square_off or any(channel.place == BASE for channel in record.channels):
         return
     start = record[: min(len(record), _SAMPLES)]
-    forces = _forces_on_points(of.fit, of.identified, of.records, len(start)) if of.identified.hosts else {}
+    forces = _forces_on_points(of, len(start)) if of.identified.hosts else {}
     for host in of.identified.hosts:
         measured = _measured(host, start, forces, of.fit.noise)
         cause = None if measured is None else _lacking_mode(host, measured)
@@ -76,11 +70,10 @@ def _lacking_modes(of: Examined) -> Iterator[Cause]:
             yield cause
 
 
-def _forces_on_points(
-    fit: LikelihoodFit, identified: Structure, records: Sequence[Record], samples: int
-) -> dict[str, Floats]:
+def _forces_on_points(of: Examined, samples: int) -> dict[str, Floats]:
     """(N,) the force on each point of a host along the fitted motion, from the start of the first record."""
-    record, motion = records[0], motion_of_links(fit, identified, records)
+    identified, record = of.identified, of.records[0]
+    motion = motion_of_links(of.fit, identified, of.records)
     points = {point for host in identified.hosts for point in host.points}
     totals: dict[str, Floats] = {}
     for number, link in enumerate(identified.links):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from inspect import getdoc
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -110,6 +111,15 @@ class Judgement:
         """Whether the laws leave only noise, in which nothing is significant."""
         return self.verdict is Verdict.CONVERGED and not self.diagnosis
 
+    def saying(self, remark: str, added: Mapping[str, Floats] = MappingProxyType({})) -> Judgement:
+        """The same with a remark, and with what intervals hold beside."""
+        return replace(self, message=f"{self.message} {remark}", added={**self.added, **added})
+
+    def overruled(self, verdict: Verdict, message: str, *causes: Cause, is_final: bool = False) -> Judgement:
+        """Another verdict, for causes that come before those found so far."""
+        diagnosis = (*causes, *self.diagnosis)
+        return Judgement(verdict, message, self.model_error, diagnosis, is_final=is_final)
+
 
 SKEWED = "skewed profiles"
 
@@ -127,10 +137,8 @@ class Examined:
     ----------
     fit : LikelihoodFit
         The fit.
-    identified : Structure
-        The structure with the values of the fit.
     structures : sequence of Structure
-        The structures with their unknowns: that of `identified`, after a search that of all that was offered before it.
+        The structures with their unknowns: that of the fit, after a search that of all that was offered before it.
     records : sequence of Record
         The records.
     searched : bool
@@ -138,10 +146,14 @@ class Examined:
     """
 
     fit: LikelihoodFit
-    identified: Structure
     structures: Sequence[Structure]
     records: Sequence[Record]
     searched: bool = False
+
+    @cached_property
+    def identified(self) -> Structure:
+        """The structure with the values of the fit."""
+        return self.structures[-1].with_values(self.fit.by_name)
 
     @property
     def channels(self) -> Sequence[Channel]:
@@ -260,6 +272,10 @@ class Examined:
         coloured = ", ".join(self.coloured)
         noise = f", which is correlated from sample to sample in {coloured}" if coloured else ""
         return f"{laws} the record to within its noise{noise}"
+
+    def found(self, verdict: Verdict, text: str, *first: Cause) -> Judgement:
+        """A verdict with its text behind how far the laws explain the records, for causes that come `first`."""
+        return Judgement(verdict, f"{self.explained}{text}", self.share, (*first, *self.causes))
 
     @property
     def _may_lack_any_term(self) -> bool:

@@ -34,7 +34,6 @@ from linkwise.likelihood.tests.variances import (
 )
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.runtime import one_blas_thread
 
 _LONGEST = 20_000  # segments in which they are looked for
 _COLUMNS = 64  # jumps of single states that are tested
@@ -81,11 +80,10 @@ def likeliest_jump(
     segments = optimum.segments
     moments = _moments(segments)
     try:
-        with one_blas_thread():
-            none = 0.0, 0, np.empty(0), 0.0
-            equations = DrawnEquations.of(fit, optimum, RELAXED, linear) if len(moments) else None
-            jumps = () if equations is None else _jumps(fit, equations, moments)
-            gain, segment, moves, growth = max(jumps, default=none, key=lambda jump: jump[0])
+        none = 0.0, 0, np.empty(0), 0.0
+        equations = DrawnEquations.of(fit, optimum, RELAXED, linear) if len(moments) else None
+        jumps = () if equations is None else _jumps(fit, equations, moments)
+        gain, segment, moves, growth = max(jumps, default=none, key=lambda jump: jump[0])
     except np.linalg.LinAlgError:
         return None
     of_one = float(scipy.special.chdtri(1, scipy.special.chdtrc(states, gain)))

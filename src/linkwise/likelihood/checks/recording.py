@@ -58,7 +58,7 @@ def clipped_samples(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[C
         count, total = len(outside), float(np.sum(outside))
         gain = float(np.sum(outside**2)) - count
         if total > _BEYOND * np.sqrt(count) or (total > 0.0 and gain > _BEYOND * np.sqrt(2.0 * count)):
-            yield Cause("clipped", name, float(count), "1", gain, standard_error=0.0)
+            yield Cause("clipped", name, float(count), "1", gain, 0.0)
 
 
 _JUMPS = "jumps between two samples"  # of a channel that lacks samples, without a gap in the times
@@ -79,31 +79,25 @@ def uneven_samples(of: Examined, before: Judgement) -> Judgement | None:
     }
     if not shown:
         return None
-    return replace(
-        before,
-        message=(
-            f"The record shows by itself what comes before any cause below: {'; '.join(sorted(shown))}. Samples were lost or "
-            "written twice, so that what follows is early or late. Mend that first, as the alerts say, and identify again. "
-            f"As it stands: {before.message[:1].lower()}{before.message[1:]}"
-        ),
+    message = (
+        f"The record shows by itself what comes before any cause below: {'; '.join(sorted(shown))}. Samples were lost or "
+        "written twice, so that what follows is early or late. Mend that first, as the alerts say, and identify again. "
+        f"As it stands: {before.message[:1].lower()}{before.message[1:]}"
     )
+    return replace(before, message=message)
 
 
 def copied_samples(records: Sequence[Record]) -> list[Cause]:
     """The samples that are there twice, bit for bit, by record and response."""
+    twice = ((record, *copied) for record in records for copied in without_copies(record)[1].items())
     return [
-        Cause(
+        _error(
             SLIP,
             name,
             -float(sum(copy.stop - copy.start for copy in copies)),
-            "1",
-            0.0,
-            0.0,
-            source=f"{time:.4g} s",
+            source=f"{record.start + copies[0].start / record.rate:.4g} s",
         )
-        for record in records
-        for name, copies in without_copies(record)[1].items()
-        for time in [record.start + copies[0].start / record.rate]
+        for record, name, copies in twice
     ]
 
 
@@ -394,27 +388,23 @@ def understated_noise(of: Examined, before: Judgement) -> Judgement | None:
         return None
     stated = {name for record in records for name in record.noise}
     exceeded = []
-    parts = zip(fit.noise, fit.misfit.residuals.transpose(1, 2, 0), fit.optimum.scales.sigma, strict=True)
-    for name, residuals, counted_as in parts:
-        counted = residuals[residuals != 0.0]
-        ratio = float(np.sqrt(np.mean(counted**2))) if len(counted) else 0.0
-        ratio *= counted_as / records[0].noise.get(name, counted_as)
-        if ratio <= _EXCEEDED:
-            continue
-        if name not in stated or not is_white(residuals.ravel()):
-            return None
-        exceeded.append(f"{ratio:.2g} times in {name}, {fit.noise[name]:.2g} {records[0].unit(name)}")
+    parts = zip(
+        fit.noise.items(), fit.misfit.residuals.transpose(1, 2, 0), fit.optimum.scales.sigma, strict=True
+    )
+    for (name, noise), residuals, counted_as in parts:
+        ratio = noise / records[0].noise.get(name, counted_as)
+        if ratio > _EXCEEDED:
+            if name not in stated or not is_white(residuals.ravel()):
+                return None
+            exceeded.append(f"{ratio:.2g} times in {name}, {noise:.2g} {records[0].unit(name)}")
     if not exceeded:
         return None
-    return replace(
-        before,
-        message=(
-            f"The residuals exceed the noise that is stated ({' and '.join(exceeded)}), and are white, as noise is and what "
-            f"laws lack is not: it is stated too small.{' The search did not converge with it.' if unsettled else ''} "
-            "State what it is, or leave it out, so that it is found with the laws."
-        ),
-        is_final=True,
+    message = (
+        f"The residuals exceed the noise that is stated ({' and '.join(exceeded)}), and are white, as noise is and what "
+        f"laws lack is not: it is stated too small.{' The search did not converge with it.' if unsettled else ''} "
+        "State what it is, or leave it out, so that it is found with the laws."
     )
+    return replace(before, message=message, is_final=True)
 
 
 def beyond_statement(records: Sequence[Record]) -> str:
@@ -464,14 +454,9 @@ def errors_of_records(of: Examined, before: Judgement) -> Judgement | None:
     if not errors:
         return None
     unsettled = before.verdict is Verdict.NOT_CONVERGED
-    return replace(
-        before,
-        verdict=Verdict.NOT_CONVERGED if unsettled else Verdict.MEASUREMENT_ERROR,
-        message=(f"{before.message} " if unsettled else "") + _explanation(errors, is_clipped=bool(clipped)),
-        diagnosis=(*errors, *before.diagnosis),
-        added={},
-        is_final=True,
-    )
+    verdict = Verdict.NOT_CONVERGED if unsettled else Verdict.MEASUREMENT_ERROR
+    message = (f"{before.message} " if unsettled else "") + _explanation(errors, is_clipped=bool(clipped))
+    return before.overruled(verdict, message, *errors, is_final=True)
 
 
 def _explanation(errors: Sequence[Cause], *, is_clipped: bool) -> str:

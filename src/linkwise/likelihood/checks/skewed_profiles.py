@@ -33,7 +33,6 @@ from linkwise.likelihood.shooting.minimise import pull_of_defects
 from linkwise.likelihood.shooting.normal_equations import FactoredModel
 from linkwise.likelihood.tests.diagnosis import TestedCauses
 from linkwise.likelihood.tests.variances import free_of_bounds
-from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
 
 _SKEWED = 0.3
@@ -56,7 +55,7 @@ def skewed_profiles(of: Examined, before: Judgement) -> Judgement | None:
     if not exact or not fit.free.any():
         return None
     faint = with_faint_modes(fit, of.identified)[1]
-    names = fit.segments.system.parameters.names
+    names = fit.names
     accelerations = _accelerations(fit, of.diagnosis.tested)
     reaches: dict[int, float] = {}
     for number in np.flatnonzero(fit.free & [name not in faint for name in names]).tolist():
@@ -68,25 +67,18 @@ def skewed_profiles(of: Examined, before: Judgement) -> Judgement | None:
         else:
             reach = None
         if reach is None:
-            return replace(
-                before,
-                verdict=Verdict.SEVERAL_OPTIMA,
-                message=(
-                    f"{before.message} But the likelihood of {names[number]} either cannot be followed to the end of its "
-                    "interval, or rises again beyond. Hold it at a known value, or add a record of another motion or with "
-                    "less noise."
-                ),
+            doubted = before.saying(
+                f"But the likelihood of {names[number]} either cannot be followed to the end of its interval, or rises again "
+                "beyond. Hold it at a known value, or add a record of another motion or with less noise."
             )
+            return replace(doubted, verdict=Verdict.SEVERAL_OPTIMA)
         reaches[number] = reach / NORMAL_95
     wider = {number: factor for number, factor in reaches.items() if factor > _WIDER}
     if not wider:
         return None
     named = enumerated([f"{names[number]} ({factor:.2g} times)" for number, factor in wider.items()])
-    return replace(
-        before,
-        message=f"{before.message} The likelihood falls slowly on one side of {named}; intervals reach as far as it does.",
-        added={**before.added, SKEWED: _added(fit.covariance, wider)},
-    )
+    remark = f"The likelihood falls slowly on one side of {named}; intervals reach as far as it does."
+    return before.saying(remark, {SKEWED: _added(fit.covariance, wider)})
 
 
 def _added(covariance: Floats, factors: dict[int, float]) -> Floats:
@@ -147,16 +139,15 @@ def _accelerations(fit: LikelihoodFit, tested: TestedCauses | None) -> dict[int,
 
     Those that have none of a move along the profiles of all are left out.
     """
-    with one_blas_thread():
-        profiles = _Profiles.of(fit, tested)
-        if profiles is None:
-            return {}
-        free = np.flatnonzero(fit.free)
-        along = profiles.acceleration(profiles.along_all(free), len(free) ** -0.5)
-        return {
-            number: float(profiles.acceleration(profiles.tangents[number], 1.0)[number])
-            for number in free[~(np.abs(along[free]) < _SKEWED)].tolist()
-        }
+    profiles = _Profiles.of(fit, tested)
+    if profiles is None:
+        return {}
+    free = np.flatnonzero(fit.free)
+    along = profiles.acceleration(profiles.along_all(free), len(free) ** -0.5)
+    return {
+        number: float(profiles.acceleration(profiles.tangents[number], 1.0)[number])
+        for number in free[~(np.abs(along[free]) < _SKEWED)].tolist()
+    }
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,8 +61,9 @@ def slips(
     if hidden or not channels or alone or structure.size > _LARGEST:
         return
     try:
-        stated = _equations(record, structure, values)
-        found = [_likeliest_first(record, channel, structure, values, stated) for channel in channels]
+        identified = structure.with_values(values)
+        stated = _equations(record, identified)
+        found = [_likeliest_first(record, channel, identified, stated) for channel in channels]
     except (LinkwiseError, np.linalg.LinAlgError):
         return
     likeliest = sorted(found, reverse=True)[:_CHANNELS]
@@ -100,11 +101,7 @@ def _shifted(values: Floats, shift: int) -> Floats:
 
 
 def _likeliest_first(
-    record: Record,
-    channel: Channel,
-    structure: Structure,
-    values: Mapping[str, float],
-    stated: WeakEquations,
+    record: Record, channel: Channel, structure: Structure, stated: WeakEquations
 ) -> list[tuple[float, int, int, str]]:
     """What slips of a channel explain, their shifts and the first samples behind them, and the channel.
 
@@ -112,7 +109,7 @@ def _likeliest_first(
     """
     number, neighbourhoods = structure.topology.index[channel.place], stated.structure_layout.neighbourhoods
     only = [mass for mass, near in enumerate(neighbourhoods) if number in near] if number >= 0 else None
-    residual = _residual(stated, values)
+    residual = weak_residual(stated, np.zeros(0))
     scale = np.sqrt(np.nanmedian(residual**2, axis=0) / _MEDIAN)
     overlap = max(1.0, 0.5 * stated.window.length / stated.window.stride)
 
@@ -125,7 +122,7 @@ def _likeliest_first(
         shown = record.values.copy()
         shown[:, column] = _shifted(shown[:, column], shift)
         late = replace(record, values=shown, simulated=None)
-        shifted = _residual(_equations(late, structure, values, stated.window, only), values)
+        shifted = weak_residual(_equations(late, structure, stated.window, only), np.zeros(0))
         before, behind = power(np.where(np.isfinite(shifted), residual, np.nan)), power(shifted)
         left = before + behind[-1] - behind
         ends = int(_ENDS * len(left)) + 1
@@ -136,17 +133,7 @@ def _likeliest_first(
 
 
 def _equations(
-    record: Record,
-    structure: Structure,
-    values: Mapping[str, float],
-    window: Window | None = None,
-    only: Collection[int] | None = None,
+    record: Record, structure: Structure, window: Window | None = None, only: Collection[int] | None = None
 ) -> WeakEquations:
     shown = with_displacements(framed(record, structure, integrated=True).record, structure.masses)
-    motion = read_displacements(shown, structure)
-    return weak_equations(shown, structure, motion, window=window, values=dict(values), only=only)
-
-
-def _residual(equations: WeakEquations, values: Mapping[str, float]) -> Floats:
-    """(R, n) what the equations leave, in N."""
-    return weak_residual(equations, np.array([values[name] for name in equations.parameters]))
+    return weak_equations(shown, structure, read_displacements(shown, structure), window=window, only=only)

@@ -10,6 +10,7 @@ from linkwise.likelihood.checks.host_modes import modes_of_hosts
 from linkwise.likelihood.checks.judgement import Check, Examined, Judgement
 from linkwise.likelihood.checks.skewed_profiles import skewed_profiles
 from linkwise.likelihood.checks.windows import exponential_window
+from linkwise.runtime import one_blas_thread
 
 VERDICTS = (
     Check("convergence", "refuses", verdicts.convergence),
@@ -56,11 +57,12 @@ FINDINGS = (
 def judge(of: Examined, *, without: Collection[str] = ()) -> Judgement:
     """The judgement on a fit by all checks in turn, `without` those of some names."""
     judgement: Judgement | None = None
-    for check in VERDICTS:
-        if judgement is None and check.name not in without:
-            judgement = check.judge(of)
-    assert judgement is not None  # the last check always has a verdict
-    for check in FINDINGS:
-        if not (judgement.is_final or check.name in without):
-            judgement = check.judge(of, judgement) or judgement
+    with one_blas_thread():
+        for check in VERDICTS:
+            if judgement is None and check.name not in without:
+                judgement = check.judge(of)
+        assert judgement is not None  # the last check always has a verdict
+        for check in FINDINGS:
+            if not (judgement.is_final or check.name in without):
+                judgement = check.judge(of, judgement) or judgement
     return judgement

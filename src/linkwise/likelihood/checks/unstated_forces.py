@@ -60,10 +60,7 @@ def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequenc
     sizes, kicks = _kicks(fit, identified, channels)
     stated = [number for number, force in enumerate(fit.random_forces) if not force.found]
     ambient = any(force.ambient for force in fit.random_forces)
-    if not (kicks or stated or ambient):
-        return ()
-    with one_blas_thread():
-        sums = _Sums.of(fit, kicks)
+    sums = _Sums.of(fit, kicks) if kicks or stated or ambient else None
     if sums is None:
         return ()
     beside = sums.found()

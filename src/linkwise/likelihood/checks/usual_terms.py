@@ -46,14 +46,11 @@ from linkwise.likelihood.tests.score_test import (
     MEMORY_TERMS,
     PRICE_OF_REACH,
     Hypothesis,
-    Quadratic,
     linear_terms,
 )
 from linkwise.likelihood.tests.variances import free_of_bounds
 from linkwise.model.coefficient import MASS
 from linkwise.model.host import in_words
-from linkwise.model.structure import Structure
-from linkwise.runtime import one_blas_thread
 
 _SINGULAR = 1e-12
 _MOST = 6  # terms at which residuals hint; of more, each makes a small part of what the first ones do
@@ -87,29 +84,24 @@ def _hinted(fit: LikelihoodFit, tested: TestedCauses, *, doubted: bool) -> Hint 
     if not np.any(tested.tests.gains[numbers] > least * optimum.noise**2):
         return None
     quadratic = tested.quadratic.within([*range(p), *(p + numbers)])
-    scale = 1.0 / np.sqrt(np.maximum(quadratic.curvature.diagonal(), np.finfo(float).tiny))
-    curvature, slope = quadratic.curvature * np.outer(scale, scale), quadratic.slope * scale
-    order, added = np.arange(len(slope)), 0
-    for position in range(p, p + min(_MOST_DOUBTED if doubted else _MOST, len(hypotheses))):
-        among = np.ix_(order, order)
-        gains = Quadratic(curvature[among], slope[order]).tests(position).gains
+    prices = np.array([PRICES.get(hypothesis.term, 0.0) for hypothesis in hypotheses])
+    terms, others = list[int](), list(range(len(hypotheses)))
+    for added in range(p, p + min(_MOST_DOUBTED if doubted else _MOST, len(hypotheses))):
+        gains = quadratic.within([*range(p), *(p + np.array([*terms, *others]))]).tests(added).gains
         beyond = np.where(np.isfinite(gains), gains, 0.0) / optimum.noise**2
-        enough = beyond > least[order[position:] - p]
+        enough = beyond > least[others]
         if not enough.any():
             break
-        prices = np.array([PRICES.get(hypotheses[number - p].term, 0.0) for number in order[position:]])
-        best = position + int(np.argmax(np.where(enough, beyond - prices, -np.inf)))
-        order[[position, best]] = order[[best, position]]
-        added += 1
-    if not added:
+        terms.append(others.pop(int(np.argmax(np.where(enough, beyond - prices[others], -np.inf)))))
+    if not terms:
         return None
-    own, terms = order[:p], order[p : p + added]
-    both = order[: p + added]
-    values = np.linalg.lstsq(curvature[np.ix_(both, both)], slope[both], rcond=_SINGULAR)[0][p:]
-    follow = curvature[np.ix_(own, own)], curvature[np.ix_(own, terms)]
-    moves = np.linalg.lstsq(*follow, rcond=_SINGULAR)[0] * values
+    chosen = quadratic.within([*range(p), *(p + np.array(terms))])
+    scale = 1.0 / np.sqrt(np.maximum(chosen.curvature.diagonal(), np.finfo(float).tiny))
+    curvature = chosen.curvature * np.outer(scale, scale)
+    values = np.linalg.lstsq(curvature, chosen.slope * scale, rcond=_SINGULAR)[0][p:]
+    moves = np.linalg.lstsq(curvature[:p, :p], curvature[:p, p:], rcond=_SINGULAR)[0] * values
     moves = np.where(fit.free[:, None], moves * (scale[:p] * optimum.scales.theta[:p])[:, None], 0.0)
-    moved, first = moves.sum(axis=1), hypotheses[int(terms[0]) - p]
+    moved, first = moves.sum(axis=1), hypotheses[terms[0]]
     force = f"a force like {first.term} in {first.where}"
     likeliest = f"damping {in_words(first.where)}" if first.kind == BETWEEN_MODES else force
     return {"terms": np.outer(moved, moved)}, likeliest
@@ -173,13 +165,12 @@ def scatter_of_blocks(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockS
     weighed = segments.prior is not None or segments.random is not None or optimum.coloured is not None
     if weighed or not isinstance(optimum.loss, Gaussian):
         return None
-    with one_blas_thread():
-        scores = tested.block_scores if tested else None
-        if scores is None:
-            longer = in_longer_segments(fit)
-            # short ones make more equal blocks
-            optimum = longer if longer.segments.count >= EQUAL * BLOCKS[0] else optimum
-        scatter = block_scatter(optimum, free_of_bounds(fit), scores)
+    scores = tested.block_scores if tested else None
+    if scores is None:
+        longer = in_longer_segments(fit)
+        # short ones make more equal blocks
+        optimum = longer if longer.segments.count >= EQUAL * BLOCKS[0] else optimum
+    scatter = block_scatter(optimum, free_of_bounds(fit), scores)
     return None if scatter is None or not np.isfinite(scatter.ratios).all() else scatter
 
 
@@ -189,7 +180,7 @@ gain of an accelerometer is known to 1 % as a rule."""
 
 
 def unseen_terms(
-    fit: LikelihoodFit, identified: Structure, tested: TestedCauses | None, covariance: Floats, *, terms: bool
+    fit: LikelihoodFit, tested: TestedCauses | None, covariance: Floats, *, terms: bool
 ) -> tuple[UnseenTerm, ...]:
     """The usual terms, damping between modes and stated masses that the records do not bound well, the farthest move first.
 
@@ -197,8 +188,6 @@ def unseen_terms(
     ----------
     fit : LikelihoodFit
         A fit that is trusted.
-    identified : Structure
-        The structure with the values of the fit.
     tested : TestedCauses or None
         What was tested at the fit, usual terms among it; None where nothing was.
     covariance : array of shape (p, p)
@@ -217,18 +206,13 @@ def unseen_terms(
     deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     of_laws = tested.of_laws if terms else np.empty(0, dtype=int)
     numbers = np.append(of_laws, tested.stated_masses())
-    unseen = (term for term, _ in _bounded(fit, identified, tested, numbers, deviations))
+    unseen = (term for term, _ in _bounded(fit, tested, numbers, deviations))
     return tuple(sorted(unseen, key=lambda term: -term.standard_errors))
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a candidate that is infinite is not taken
 def _bounded(
-    fit: LikelihoodFit,
-    identified: Structure,
-    tested: TestedCauses,
-    numbers: Indices,
-    deviations: Floats,
-    most: float = np.inf,
+    fit: LikelihoodFit, tested: TestedCauses, numbers: Indices, deviations: Floats, most: float = np.inf
 ) -> Iterator[tuple[UnseenTerm, Floats]]:
     """Those of these numbers that change coefficients by more than `deviations` (p,) hold, and the changes (p,) by each.
 
@@ -238,7 +222,7 @@ def _bounded(
         return
     optimum, p, tests = fit.optimum, len(fit.values), tested.tests
     beyond_noise = NORMAL_95 * optimum.noise * beyond_white(fit)
-    wholes = _wholes(fit, identified, tested, numbers)
+    wholes = _wholes(fit, tested, numbers)
     for number, (whole, largest) in zip(numbers, wholes, strict=True):
         hypothesis, size = tested.hypotheses[number], abs(float(tests.sizes[number]))
         move = np.where(fit.free, tests.changes[:, number] * optimum.scales.theta[:p] / size, 0.0)
@@ -258,7 +242,7 @@ def _bounded(
                 link=hypothesis.where,
                 term=MASS if hypothesis.kind == MASS else hypothesis.term or "v",
                 share=float(limit / whole),
-                coefficient=fit.segments.system.parameters.names[farthest],
+                coefficient=fit.names[farthest],
                 change=float(limit * move[farthest]),
                 standard_errors=float(limit * shifts[farthest]),
                 relative_change=float(limit * relative[farthest]),
@@ -276,7 +260,7 @@ _ONE_SIDE = 0.9
 """Of the time, more on one side of d = 0 than on the other: what is seen on both sides tells an asymmetry of itself."""
 
 
-def asymmetry(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -> Hint | None:
+def asymmetry(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     """What asymmetry that the records leave open adds to the covariance of a fit that leaves only noise; None where none is.
 
     In one well the rest position and the frequency are two facts, and with a term in d**2 a law has three coefficients for
@@ -284,10 +268,11 @@ def asymmetry(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -
     """
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     d, order = fit.misfit.trajectories.links[:, 0], fit.segments.system.order
-    on_one_side = {identified.links[k].name for k in order[np.abs(np.sign(d).mean(axis=(0, 2))) > _ONE_SIDE]}
-    open_ones = on_one_side - {link.name for link in identified.links if ASYMMETRY in linear_terms(link)}
+    links = tested.structure.links
+    on_one_side = {links[k].name for k in order[np.abs(np.sign(d).mean(axis=(0, 2))) > _ONE_SIDE]}
+    open_ones = on_one_side - {link.name for link in links if ASYMMETRY in linear_terms(link)}
     numbers = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where in open_ones)
-    held = list(_bounded(fit, identified, tested, numbers, deviations, _ASYMMETRY))
+    held = list(_bounded(fit, tested, numbers, deviations, _ASYMMETRY))
     if not held:
         return None
     changes = np.column_stack([change / NORMAL_95 for _, change in held])
@@ -296,12 +281,10 @@ def asymmetry(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -
     )
 
 
-def _wholes(
-    fit: LikelihoodFit, identified: Structure, tested: TestedCauses, numbers: Indices
-) -> Iterator[tuple[float, float]]:
+def _wholes(fit: LikelihoodFit, tested: TestedCauses, numbers: Indices) -> Iterator[tuple[float, float]]:
     """Of each hypothesis of these numbers what its share is taken of, in its scale, and the largest share that is possible."""
-    forces = link_forces(fit.optimum, identified)
-    damping = largest_damping(identified)
+    forces = link_forces(fit.optimum, tested.structure)
+    damping = largest_damping(tested.structure)
     for number in numbers:
         hypothesis, unit = tested.hypotheses[number], float(tested.units[number])
         if hypothesis.kind == BETWEEN_MODES:

@@ -125,11 +125,13 @@ def _stuck(of: Examined) -> str:
             f"Half of what is left of the record lies between {start} and {end}: identify the record {easier}, and look there "
             "for what the laws or the sensors lack."
         )
-    names, errors = segments.system.parameters.names, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    relative = errors[: len(names)] / np.maximum(np.abs(fit.values), np.finfo(float).tiny)
-    worst = int(np.argmax(np.where(fit.free[: len(names)] & np.isfinite(relative), relative, 0.0)))
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    relative = errors / np.maximum(np.abs(fit.values), np.finfo(float).tiny)
+    worst = int(np.argmax(np.where(fit.free & np.isfinite(relative), relative, 0.0)))
     if relative[worst] > _UNDETERMINED:
-        return f"The record hardly determines {names[worst]}: hold it at a known value, or give it bounds."
+        return (
+            f"The record hardly determines {fit.names[worst]}: hold it at a known value, or give it bounds."
+        )
     return "Identify the beginning of the record, and give its values as starts for the whole."
 
 
@@ -142,8 +144,7 @@ def event(of: Examined) -> Judgement | None:
     """Whether half of a misfit happens in a moment of a record, to a motion on which no input acts more than elsewhere."""
     fit, segments = of.fit, of.fit.segments
     if of.causes and of.causes[0].kind == EVENT:
-        message = f"{of.explained}, but {would_explain(of.causes[0])}. {_PARTS}"
-        return _found(of, Verdict.UNEXPLAINED_FORCES, message)
+        return of.found(Verdict.UNEXPLAINED_FORCES, f", but {would_explain(of.causes[0])}. {_PARTS}")
     if not (fit.chi_square_off or of.share > _LARGEST_ERROR):
         return None
     first, last, gain = _worst_stretch(fit)
@@ -160,11 +161,9 @@ def event(of: Examined) -> Judgement | None:
             return None
     start, end = (moment(segments, place, of.records) for place in (first, last + 1))
     cause = event_between(segments, first, last + 1, of.records, gain)
-    message = (
-        f"{of.explained}: half of what is left would be explained by {cause.description}. Identify the record "
-        f"from {end} on, or up to {start}."
-    )
-    return Judgement(Verdict.UNEXPLAINED_FORCES, message, of.share, (cause, *of.causes))
+    explained = f"half of what is left would be explained by {cause.description}"
+    advice = f"Identify the record from {end} on, or up to {start}."
+    return of.found(Verdict.UNEXPLAINED_FORCES, f": {explained}. {advice}", cause)
 
 
 def level_of_noise(of: Examined) -> Judgement | None:
@@ -175,18 +174,16 @@ def level_of_noise(of: Examined) -> Judgement | None:
     times = f"The residuals are {np.sqrt(fit.chi_square):.3g} times the noise"
     residuals = fit.misfit.residuals.transpose(2, 0, 1).reshape(-1, fit.misfit.residuals.shape[1])
     if not of.causes and fit.chi_square > 1.0 and outliers_exceed_noise(residuals):
-        return _found(
-            of,
-            Verdict.OUTLIERS,
-            f"{times}, because of outliers alone: typical residuals match the noise found. "
-            f"Use a robust loss, which gives outliers little weight, or mark them as missing samples.",
+        message = (
+            f"{times}, because of outliers alone: typical residuals match the noise found. Use a robust loss, which gives "
+            "outliers little weight, or mark them as missing samples."
         )
-    return _found(
-        of,
-        Verdict.NOISE_MISMATCH,
-        f"{times}: the noise is not what was stated or found, a term is missing from a law, or a "
-        f"link from the structure. The values are the best of these laws.{likeliest(of.causes)}",
+        return Judgement(Verdict.OUTLIERS, message, of.share, of.causes)
+    message = (
+        f"{times}: the noise is not what was stated or found, a term is missing from a law, or a link from the structure. "
+        f"The values are the best of these laws.{likeliest(of.causes)}"
     )
+    return Judgement(Verdict.NOISE_MISMATCH, message, of.share, of.causes)
 
 
 def noise_found_of_inputs(of: Examined) -> Judgement | None:
@@ -198,11 +195,10 @@ def noise_found_of_inputs(of: Examined) -> Judgement | None:
     noisy = [force.where for force in found if force.deviation > NOISIEST_INPUT * rms[force.where]]
     if not noisy:
         return None
-    return _found(
-        of,
+    return of.found(
         Verdict.UNEXPLAINED_FORCES,
-        f"{of.explained}, but the noise found of {', '.join(noisy)} exceeds {100.0 * NOISIEST_INPUT:.0f} % of it: "
-        f"it stands for errors of the laws, which intervals would take for noise.{likeliest(of.causes)}",
+        f", but the noise found of {', '.join(noisy)} exceeds {100.0 * NOISIEST_INPUT:.0f} % of it: it stands for errors of "
+        f"the laws, which intervals would take for noise.{likeliest(of.causes)}",
     )
 
 
@@ -210,7 +206,7 @@ def error_of_measurement(of: Examined) -> Judgement | None:
     """Whether an error of a sensor, an input or a mass explains most of what is left, and moves coefficients."""
     if not (of.causes and of.causes[0].is_instrument) or _are_small(of):
         return None
-    return _found(of, Verdict.MEASUREMENT_ERROR, of.explained + _of_instrument(of.causes[0]))
+    return of.found(Verdict.MEASUREMENT_ERROR, _of_instrument(of.causes[0]))
 
 
 def _are_small(of: Examined) -> bool:
@@ -226,8 +222,7 @@ def unexplained_forces(of: Examined) -> Judgement | None:
     """Whether the laws leave a large part of the forces."""
     if not of.share > _LARGEST_ERROR:
         return None
-    message = f"{of.explained}: a term or a link is missing.{likeliest(of.causes)}"
-    return _found(of, Verdict.UNEXPLAINED_FORCES, message)
+    return of.found(Verdict.UNEXPLAINED_FORCES, f": a term or a link is missing.{likeliest(of.causes)}")
 
 
 def systematic_misfit(of: Examined) -> Judgement | None:
@@ -238,14 +233,11 @@ def systematic_misfit(of: Examined) -> Judgement | None:
         is_small and (of.has_intervals_by_blocks or _scatter_of_small_terms(of) is not None)
     ):
         return None
-    overturned = ""
-    if first.overturned:
-        overturned = f", and {', '.join(first.overturned)} would have no certain sign, or another one"
-    return _found(
-        of,
+    overturned = f", and {', '.join(first.overturned)} would have no certain sign, or another one"
+    return of.found(
         Verdict.SYSTEMATIC_MISFIT,
-        f"{of.explained}, but what is left follows the motion: {would_explain(first)}{overturned}. Intervals of exact laws "
-        "would count that as noise; a term or a link is missing, or a sensor has an error.",
+        f", but what is left follows the motion: {would_explain(first)}{overturned if first.overturned else ''}. Intervals of "
+        "exact laws would count that as noise; a term or a link is missing, or a sensor has an error.",
     )
 
 
@@ -263,12 +255,12 @@ def spectra_of_forces(of: Examined) -> Judgement | None:
     """Whether random forces are not white, independent and steady."""
     if not of.causes or of.causes[-1].kind not in SPECTRAL_KINDS:
         return None
-    return _found(of, Verdict.MEASUREMENT_ERROR, of.explained + _of_instrument(of.causes[-1]))
+    return of.found(Verdict.MEASUREMENT_ERROR, _of_instrument(of.causes[-1]))
 
 
 def filter_of_all_sensors(of: Examined) -> Judgement | None:
     """Whether the noise of all sensors is correlated as behind one filter."""
-    return _found(of, Verdict.COLOURED_RESIDUALS, of.explained + _FILTERED) if of.is_filtered else None
+    return of.found(Verdict.COLOURED_RESIDUALS, _FILTERED) if of.is_filtered else None
 
 
 def whiteness(of: Examined) -> Judgement | None:
@@ -282,7 +274,7 @@ def whiteness(of: Examined) -> Judgement | None:
     closest = of.closer.fit if counted and is_loosened(fit) and of.closer else fit
     if not (counted and is_coloured(closest.misfit.residuals)):
         return None
-    return _found(of, Verdict.COLOURED_RESIDUALS, of.explained + _NOT_WHITE)
+    return of.found(Verdict.COLOURED_RESIDUALS, _NOT_WHITE)
 
 
 def values_far_away(of: Examined) -> Judgement | None:
@@ -290,30 +282,27 @@ def values_far_away(of: Examined) -> Judgement | None:
     faint = undetermined_far_away(of.fit, of.identified)
     if not faint:
         return None
-    return _found(
-        of,
+    return of.found(
         Verdict.SEVERAL_OPTIMA,
-        f"{of.explained}, but values of {', '.join(faint)} far from the estimates explain it as well: the elongation "
-        f"of the link hardly exceeds the noise. Hold them at known values, or record "
-        f"a motion with a larger elongation of the link.",
+        f", but values of {', '.join(faint)} far from the estimates explain it as well: the elongation of the link hardly "
+        "exceeds the noise. Hold them at known values, or record a motion with a larger elongation of the link.",
     )
 
 
 def another_rest(of: Examined) -> Judgement | None:
     """Whether motion about another position of rest explains the records as well."""
     another = about_another_rest(of.fit)
-    return _found(of, Verdict.SEVERAL_OPTIMA, f"{of.explained}, but {another}") if another else None
+    return of.found(Verdict.SEVERAL_OPTIMA, f", but {another}") if another else None
 
 
 def regularity(of: Examined) -> Judgement | None:
     """Whether the likelihood has other optima nearby, or is not quadratic."""
     if is_regular(of.fit, with_faint_modes(of.fit, of.identified)[1]):
         return None
-    return _found(
-        of,
+    return of.found(
         Verdict.SEVERAL_OPTIMA,
-        f"{of.explained}, but around the estimates the likelihood has other optima or is not quadratic, as intervals assume. "
-        "Give closer starting values, a shorter part of the record, or less noise.",
+        ", but around the estimates the likelihood has other optima or is not quadratic, as intervals assume. Give closer "
+        "starting values, a shorter part of the record, or less noise.",
     )
 
 
@@ -323,15 +312,9 @@ def model_error(of: Examined) -> Judgement:
     scatter = _scatter_of_small_terms(of) if causes else None
     if fit.model_error > 0.0 or scatter is not None:
         short = _SHORT if scatter is None and fit.error_ratios is None else ""
-        message = f"{of.explained}.{short}{likeliest(causes)}{moved(causes)}"
-        found = _found(of, Verdict.MODEL_ERROR_NEEDED, message)
+        found = of.found(Verdict.MODEL_ERROR_NEEDED, f".{short}{likeliest(causes)}{moved(causes)}")
         return found if scatter is None else replace(found, added={"blocks": scatter.added(fit.covariance)})
-    allowed = "; all intervals allow for that" if of.coloured else ""
-    return _found(of, Verdict.CONVERGED, f"{of.explained}{allowed}.")
-
-
-def _found(of: Examined, verdict: Verdict, message: str) -> Judgement:
-    return Judgement(verdict, message, of.share, of.causes)
+    return of.found(Verdict.CONVERGED, "; all intervals allow for that." if of.coloured else ".")
 
 
 def would_explain(cause: Cause) -> str:
@@ -353,36 +336,30 @@ def moved(causes: Sequence[Cause]) -> str:
 
 def _of_instrument(cause: Cause) -> str:
     """What an error in what was recorded or stated means for the answer."""
+    wrong = "would be wrong by more than intervals of exact laws say"
     if cause.kind in ("input noise", "ambient"):
-        ambient = f"allow for an ambient force on {cause.where}"
-        advice = ambient if cause.kind == "ambient" else _against_noise(cause.where)
+        ambient = cause.kind == "ambient"
+        advice = f"allow for an ambient force on {cause.where}" if ambient else _against_noise(cause.where)
         advice = "allow for more of it, or let it be found" if cause.remark else advice
-        return (
-            f", but {would_explain(cause)}. It excites the structure, and coefficients, above all dampings, would be "
-            f"wrong by more than intervals of exact laws say: {advice}."
+        means = f". It excites the structure, and coefficients, above all dampings, {wrong}: {advice}."
+    elif cause.kind == UNSTEADY:
+        means = (
+            f". The strongest parts tell most, so intervals would be at least {np.hypot(1.0, cause.size):.2g} times too "
+            "narrow: use parts of the record in which the level is about the same."
         )
-    if cause.kind == UNSTEADY:
-        return (
-            f", but {would_explain(cause)}. The strongest parts tell most, so intervals would be at least "
-            f"{np.hypot(1.0, cause.size):.2g} times too narrow: use parts of the record in which the level "
-            "is about the same."
+    elif cause.remark.endswith(BEHIND_FILTER):
+        means = (
+            f". All frequencies tell the level of the forces, and dampings {wrong}: resample the accelerations at twice the "
+            "frequency up to which the filter is flat, by their Fourier transform."
         )
-    if cause.remark.endswith(BEHIND_FILTER):
-        return (
-            f", but {would_explain(cause)}. All frequencies tell the level of the forces, and dampings would be wrong by more "
-            "than intervals of exact laws say: resample the accelerations at twice the frequency up to which the "
-            "filter is flat, by their Fourier transform."
+    elif cause.kind in SPECTRAL_KINDS:
+        means = (
+            f". The laws take up what such forces differ by from white and independent ones, and {wrong}: record the forces, "
+            "or the structure where nothing but applied forces or its own decay moves it."
         )
-    if cause.kind in SPECTRAL_KINDS:
-        return (
-            f", but {would_explain(cause)}. The laws take up what such forces differ by from white and independent ones, and "
-            "would be wrong by more than intervals of exact laws say: record the forces, or the structure where "
-            "nothing but applied forces or its own decay moves it."
-        )
-    return (
-        f", but {would_explain(cause)}, more than any missing term. Coefficients would be wrong by more than intervals of "
-        "exact laws say: correct it, or estimate it with the other unknowns."
-    )
+    else:
+        means = f", more than any missing term. Coefficients {wrong}: correct it, or estimate it with the other unknowns."
+    return f", but {would_explain(cause)}{means}"
 
 
 def term_hidden_by_model_error(of: Examined, before: Judgement) -> Judgement | None:
@@ -402,31 +379,24 @@ def term_hidden_by_model_error(of: Examined, before: Judgement) -> Judgement | N
     damps = change >= LARGEST_TERM and dissipates(cause.term)
     if is_small or (of.fit.model_error > 0.0 and not is_mass and not damps):
         named = (replace(cause, shift=shift),)
-        return replace(
-            before, message=f"{before.message}{likeliest(named)}{moved(named)}", diagnosis=(cause,)
-        )
+        return replace(before.saying(f"{likeliest(named)}{moved(named)}".lstrip()), diagnosis=(cause,))
     is_changed = cause.shifted and change > 0.0
     changed = f", and change {cause.shifted} by {format_percent(change)}" if is_changed else ""
     noise = " and ".join(f"noise of {force.where}" for force in of.fit.random_forces)
     where = f"with the {noise}" if noise else "where the motion departs from it a little"
     advice = ": correct it, or estimate it with the other unknowns" if is_mass else "; a term is missing"
-    return replace(
-        before,
-        verdict=Verdict.MEASUREMENT_ERROR if is_mass else Verdict.SYSTEMATIC_MISFIT,
-        message=(
-            f"The structure explains the record only {where}. Held closer, most of what is left follows the motion: "
-            f"{would_explain(cause)}{changed}. Intervals of exact laws would not include that{advice}."
-        ),
-        diagnosis=(cause,),
+    message = (
+        f"The structure explains the record only {where}. Held closer, most of what is left follows the motion: "
+        f"{would_explain(cause)}{changed}. Intervals of exact laws would not include that{advice}."
     )
+    verdict = Verdict.MEASUREMENT_ERROR if is_mass else Verdict.SYSTEMATIC_MISFIT
+    return before.overruled(verdict, message, cause)
 
 
 def remarks_on_forces(of: Examined, before: Judgement) -> Judgement | None:
     """Whether an unrecorded force, or noise of an input, may be what is missing, and what could not be tested."""
-    if not of.is_settled:
-        return None
-    remark = _of_forces(of, before.verdict) + of.diagnosis.remark
-    return replace(before, message=before.message + remark) if remark else None
+    remark = (_of_forces(of, before.verdict) + of.diagnosis.remark).lstrip() if of.is_settled else ""
+    return before.saying(remark) if remark else None
 
 
 def _of_forces(of: Examined, verdict: Verdict) -> str:
@@ -469,11 +439,10 @@ def motion_that_goes_on(of: Examined, before: Judgement) -> Judgement | None:
     periods = np.count_nonzero(np.diff(np.sign(fastest))) // 2
     if periods < _MANY_PERIODS or energy[-third:].mean() < _GOES_ON * energy[:third].mean():
         return None
-    remark = (
-        f" The motion does not decay over {periods} periods, though no force was recorded: one that was not may act "
+    return before.saying(
+        f"The motion does not decay over {periods} periods, though no force was recorded: one that was not may act "
         "(--ambient, --harmonic), or the structure feeds itself, or its damping is too small to be told."
     )
-    return replace(before, message=before.message + remark)
 
 
 def noise_of_inputs(of: Examined, before: Judgement) -> Judgement | None:
@@ -483,8 +452,7 @@ def noise_of_inputs(of: Examined, before: Judgement) -> Judgement | None:
     noise = for_noise_of_inputs(of.fit, of.inputs, of.levels_of_inputs)
     if noise is None or not np.any(np.diag(noise[1]) > _NEGLIGIBLE * np.diag(of.fit.covariance)):
         return None
-    message = f"{before.message} The intervals allow for {noise[0]}."
-    return replace(before, message=message, added={**before.added, "input noise": noise[1]})
+    return before.saying(f"The intervals allow for {noise[0]}.", {"input noise": noise[1]})
 
 
 def hinted_errors(of: Examined, before: Judgement) -> Judgement | None:
@@ -516,27 +484,25 @@ def motion_that_begins_anew(of: Examined, before: Judgement) -> Judgement | None
     if not before.leaves_noise or of.jump is None or not of.jump.is_significant:
         return None
     event = of.jump.event
-    message = f"{of.explained}, but {would_explain(event)}. {_PARTS}"
-    return Judgement(Verdict.UNEXPLAINED_FORCES, message, of.share, (event, *of.causes))
+    return of.found(Verdict.UNEXPLAINED_FORCES, f", but {would_explain(event)}. {_PARTS}", event)
 
 
 def asymmetric_wells(of: Examined, before: Judgement) -> Judgement | None:
     """Whether links move on one side only, so that forces that are not symmetric stay unseen and move coefficients."""
     tested = of.diagnosis.tested
-    hint = asymmetry(of.fit, of.identified, tested) if before.leaves_noise and tested else None
+    hint = asymmetry(of.fit, tested) if before.leaves_noise and tested else None
     if hint is None:
         return None
     added, terms = hint
-    message = (
-        f"{before.message} The motion does not tell these laws from laws with {terms}, as of asymmetric wells; the intervals "
-        "allow for that. Record motion on both sides of d = 0 or, if they are known to be alike, state the term with 0."
+    remark = (
+        f"The motion does not tell these laws from laws with {terms}, as of asymmetric wells; the intervals allow for that. "
+        "Record motion on both sides of d = 0 or, if they are known to be alike, state the term with 0."
     )
-    return replace(before, message=message, added={**before.added, **added})
+    return before.saying(remark, added)
 
 
 def _widened(before: Judgement, added: Mapping[str, Floats], hint: str) -> Judgement:
-    message = f"{before.message} The residuals hint at {hint}; the intervals allow for that."
-    return replace(before, message=message, added={**before.added, **added})
+    return before.saying(f"The residuals hint at {hint}; the intervals allow for that.", added)
 
 
 def motion_that_runs_away(of: Examined, before: Judgement) -> Judgement | None:
@@ -547,10 +513,10 @@ def motion_that_runs_away(of: Examined, before: Judgement) -> Judgement | None:
     fit = of.fit
     if not (fit.model_error > 0.0 and before.may_be_approximate and fit.optimum.runs_away):
         return None
-    free = np.array(fit.segments.system.parameters.names)[fit.free].tolist()
+    free = np.array(fit.names)[fit.free].tolist()
     message = (
         "With these values the laws predict the next samples alone: the motion soon runs away from the record. "
         f"The search ended at a wrong optimum: state starts of {enumerated(free[:_NAMED])} within some 20 %, or identify the "
         "beginning of the record first."
     )
-    return replace(before, verdict=Verdict.NOT_CONVERGED, message=message, added={})
+    return before.overruled(Verdict.NOT_CONVERGED, message)

@@ -7,9 +7,8 @@ nonlinear motion the amplitudes are wrong by then as well, which explains less t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
@@ -18,10 +17,12 @@ from linkwise.arrays import Floats
 from linkwise.estimates.causes import WINDOW, Cause
 from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.search import moved
 from linkwise.records.record import Record
 from linkwise.verdict import Grade, Verdict
 
 _BLOCKS = 24  # of each record, over which levels are taken
+_PART = (np.arange(_BLOCKS) + 0.5) / _BLOCKS  # of a record, in the middle of each
 _FALLS = np.linspace(0.0, 6.0, 121)  # logarithms of what a window takes off a record
 _GROWTH = np.geomspace(
     0.01, 1e4, 61
@@ -36,12 +37,11 @@ _SLOWER = 0.9  # times the rate at which the motion decays: what falls as fast a
 
 @dataclass(frozen=True, eq=False)
 class _Levels:
-    """Mean squares of noise and motion (R, B) in blocks of records and channels, of so many samples, at parts of records."""
+    """Mean squares of noise and motion (R, B) in blocks of records and channels, of so many samples."""
 
     noise: Floats
     motion: Floats
     samples: Floats
-    part: Floats
 
     def costs(self, power: Floats, shape: Floats) -> Floats:
         """(R,) -2 log likelihood of mean squares of normal values, of which variances go with a shape (..., B)."""
@@ -58,7 +58,7 @@ class _Levels:
 
     def by_falls(self, power: Floats) -> Floats:
         """(F, R) these costs by how much a window takes off."""
-        return np.array([self.costs(power, np.exp(-2.0 * fall * self.part)) for fall in _FALLS])
+        return np.array([self.costs(power, np.exp(-2.0 * fall * _PART)) for fall in _FALLS])
 
     @property
     def by_growth(self) -> float:
@@ -73,59 +73,51 @@ def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     shows_noise = fit.chi_square > _ROUNDING and not fit.random_forces and fit.optimum.coloured is None
     if before.verdict.grade is Grade.REFUSED or not shows_noise:
         return None
-    blocks = list(_levels(fit, records))
-    if not blocks:
+    levels = _levels(fit, records)
+    if levels is None:
         return None
-    levels = _Levels(*map(np.array, zip(*blocks, strict=True)))
     of_each = levels.by_falls(levels.noise)
     costs = of_each.sum(axis=1)
     best = int(np.argmin(costs))
-    scatter = levels.overdispersion(np.exp(-2.0 * _FALLS[best] * levels.part))
+    scatter = levels.overdispersion(np.exp(-2.0 * _FALLS[best] * _PART))
     gain = float(costs[0] - costs[best]) / scatter
     # laws that lack a term leave more at its motion
     least = max((_CHANCE, *(cause.gain for cause in before.diagnosis)))
     if gain < least or _FALLS[best] < _LEAST:
         return None
     follows = _FALLS[best] > _SLOWER * _FALLS[int(np.argmin(levels.by_falls(levels.motion).sum(axis=1)))]
-    apart = max(len(levels.part) - 1, 1)  # a window falls in all channels alike
+    apart = max(len(of_each.T) - 1, 1)  # a window falls in all channels alike
     by_each = float(of_each.min(axis=0).sum()) + chdtri(apart, _BY_CHANCE) * scatter
     rival = min(levels.by_growth + _LIKELIER * scatter, by_each)
     if follows or rival < costs[best]:
         return None
-    error = np.sqrt(scatter / np.sum(2.0 * levels.samples * (levels.part - 0.5) ** 2))
+    error = np.sqrt(scatter / np.sum(2.0 * levels.samples * (_PART - 0.5) ** 2))
     rate = float(_FALLS[best] / records[0].duration)
     cause = Cause(WINDOW, "all channels", rate, "1/s", gain, float(error / records[0].duration))
-    return replace(
-        before,
-        verdict=Verdict.MEASUREMENT_ERROR,
-        message=(
-            f"What is left falls along the record as noise does behind {cause.description}, which would lower -2 log "
-            f"likelihood by {gain:.3g}. It counts as damping of a motion that decays: divide all channels by it, or record "
-            "without it."
-        ),
-        diagnosis=(cause,),
-        added={},
+    message = (
+        f"What is left falls along the record as noise does behind {cause.description}, which would lower -2 log likelihood "
+        f"by {gain:.3g}. It counts as damping of a motion that decays: divide all channels by it, or record without it."
     )
+    return Judgement(Verdict.MEASUREMENT_ERROR, message, before.model_error, (cause,))
 
 
-def _levels(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[tuple[Floats, Floats, Floats, Floats]]:
-    """Of each channel of each record what `_Levels` has of it; none where segments do not follow each other."""
+def _levels(fit: LikelihoodFit, records: Sequence[Record]) -> _Levels | None:
+    """Those of the channels of records that are observed in all blocks; None without any, and where segments do not follow
+    each other.
+    """
     segments = fit.segments
-    samples = len(segments.samples)
-    counts = [-(-len(record) // samples) for record in records]
+    counts = [-(-len(record) // len(segments.samples)) for record in records]
     if segments.count != sum(counts) or min(counts) < _BLOCKS:
-        return
-    ends = np.cumsum([0, *counts])
-    for first, last in pairwise(ends.tolist()):
-        for number in range(segments.samples.shape[1]):
-            observed = segments.observed[:, number, first:last]
-            shown = segments.samples[:, number, first:last]
-            centred = np.where(observed, shown - np.mean(shown[observed]) if observed.any() else 0.0, 0.0)
-            residuals = np.where(observed, fit.misfit.residuals[:, number, first:last], 0.0)
-            edges = np.linspace(0, last - first, _BLOCKS + 1).astype(int)[:-1]
-            size, noise, motion = (
-                np.add.reduceat(each.sum(axis=0).astype(float), edges)
-                for each in (observed, residuals**2, centred**2)
-            )
-            if np.all(size > 0):
-                yield noise / size, motion / size, size, (np.arange(_BLOCKS) + 0.5) / _BLOCKS
+        return None
+    firsts = np.cumsum([0, *counts[:-1]])
+    edges = [
+        first + np.linspace(0, n, _BLOCKS + 1).astype(int)[:-1]
+        for first, n in zip(firsts, counts, strict=True)
+    ]
+    size, noise, motion = (
+        np.add.reduceat(of.sum(axis=0, dtype=float), np.concatenate(edges), axis=1).reshape(-1, _BLOCKS)
+        for of in (segments.observed, fit.misfit.residuals**2, moved(segments) ** 2)
+    )
+    shown = (size > 0.0).all(axis=1)
+    size = size[shown]
+    return _Levels(noise[shown] / size, motion[shown] / size, size) if len(size) else None
