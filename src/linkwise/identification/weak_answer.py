@@ -24,7 +24,7 @@ from linkwise.expression import differentiate, kinks, symbols
 from linkwise.likelihood.checks.judgement import Examined
 from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.usual_terms import unseen_terms
-from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
+from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit, with_values
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.model.link import Link
@@ -63,8 +63,7 @@ def judged_by_likelihood(answer: Estimate) -> Estimate:
     if fit is None:
         return answer
     structure, record = answer.given_structure, answer.record
-    found = {p.name: float(value) for p, value in zip(answer.parameters, fit.values, strict=True)}
-    identified = structure.with_values(found)
+    identified = with_values(structure, fit)
     examined = Examined(fit, identified, (structure,), (record,), searched=True)
     judgement = judge(examined, without=_OF_THE_LIKELIHOOD)
     verdict, message = judgement.verdict, judgement.message
