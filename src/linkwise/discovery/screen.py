@@ -25,7 +25,7 @@ from linkwise.likelihood.starts.kalman import CHANGES, LinearPart, likeliest_cha
 from linkwise.likelihood.starts.values import require_supported
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, ProgressReport, part
+from linkwise.progress import Progress, ProgressReport
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
@@ -44,7 +44,6 @@ _TRIED = 2000  # samples that decide which links there are
 _ALLOWED = 1e-2
 _MOST = 12  # links that are added
 _TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
-_ALL_LINKS = 0.8  # of the screen mass by mass: the part in which all links are on offer
 _FIRST_LIMIT = 2.5  # |z| in the equation of one mass above which a term is looked at again
 _LIMIT = 4.0  # |z| in all equations above which a term is significant
 # parts of the noise bias to leave in until the normal matrix is positive definite
@@ -237,7 +236,8 @@ def screen(
     """
     near = tested = frozenset(candidates.by_name)
     if len(candidates.masses) > _TOGETHER:
-        near, tested = _screen_mass_by_mass(measured, candidates, progress)
+        tested = _significant_anywhere(measured, candidates, progress)
+        near = candidates.on_links_of(tested)
         progress(ProgressReport(1.0, f"screening {len(near)} candidates together"))
     regression = WeakRegression.of(measured, candidates, candidates.structure(near))
     names = {regression.names[k] for k in regression.significant(_LIMIT)} & candidates.by_name.keys()
@@ -247,42 +247,20 @@ def screen(
     return significant, tested | candidates.on_links_of(significant)
 
 
-def weak_start(measured: Measured, candidates: Candidates, structure: Structure) -> tuple[Floats, Floats]:
-    """The parameters (p,) of `structure` by the weak form and their standard deviations (p,), with the least noise bias."""
-    regression = WeakRegression.of(measured, candidates, structure)
-    found = regression.least_biased(lambda quadratic: quadratic.solve(range(len(regression.names))))
-    if found is None:
-        raise IdentificationError(
-            "the terms of the structure cannot be separated: their motions are linearly dependent in this record; record a "
-            "motion in which they differ"
-        )
-    solved = dict(zip(regression.names, zip(*found[1], strict=True), strict=True))
-    values, z = np.array([solved[parameter.name] for parameter in structure.parameters]).T
-    return values, np.abs(values / z)
+def _significant_anywhere(measured: Measured, candidates: Candidates, progress: Progress) -> frozenset[str]:
+    """The candidates that are significant in the equation of one of their masses.
 
-
-def _screen_mass_by_mass(
-    measured: Measured, candidates: Candidates, progress: Progress
-) -> tuple[frozenset[str], frozenset[str]]:
-    """The candidates on links with one that is significant in the equation of a mass, and those significant among them.
-
-    Each equation is at first that of a structure with no other links, so that memory grows with the masses alone.
+    Each equation is that of a structure with no other links, so that memory grows with the masses alone.
     """
     around: dict[str, set[str]] = {mass.name: set() for mass in candidates.masses}
     for entry in candidates.entries:
         for end in around.keys() & candidates.pairs[entry.pair].between:
             around[end].add(entry.name)
-    first, second = (part(progress, *ends) for ends in ((0.0, _ALL_LINKS), (_ALL_LINKS, 1.0)))
     names: set[str] = set()
     for number, (mass, links) in enumerate(around.items()):
-        first(ProgressReport(number / len(around), f"screening the links of {mass}"))
+        progress(ProgressReport(number / len(around), f"screening the links of {mass}"))
         names |= _significant_at(number, measured, candidates.structure(links), candidates)
-    near = candidates.on_links_of(names)
-    structure, tested = candidates.structure(near), set()
-    for number, mass in enumerate(around):
-        second(ProgressReport(number / len(around), f"screening the links of {mass} again"))
-        tested |= _significant_at(number, measured, structure, candidates)
-    return near, frozenset(tested)
+    return frozenset(names)
 
 
 def _significant_at(
