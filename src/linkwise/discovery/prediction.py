@@ -32,10 +32,6 @@ class Excess(NamedTuple):
     scatter: float
 
 
-def _excess(of_blocks: Floats) -> Excess:
-    return Excess(float(of_blocks.sum()), float(np.sqrt(len(of_blocks)) * np.std(of_blocks, ddof=1)))
-
-
 @dataclass(frozen=True, eq=False)
 class BlockParabolas:
     """Slopes (B, u) and curvatures (B, u, u) of blocks in u scaled unknowns about a fit, where these have `values` (u,).
@@ -61,7 +57,8 @@ class BlockParabolas:
             excess = self._paid(chosen) - self._paid(range(self.selected) if than is None else than)
         except np.linalg.LinAlgError:
             return Excess(np.nan, np.nan)
-        return _excess(excess)
+        scatter = np.sqrt(len(excess)) * np.std(excess, ddof=1)
+        return Excess(float(excess.sum()), float(scatter))
 
     def _paid(self, chosen: Collection[int]) -> Floats:
         """(B,) what the model pays for each block, fitted to the others."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, combinations
+from itertools import chain, combinations, permutations
 
 import numpy as np
 
@@ -392,35 +392,31 @@ def rival_links(selection: Selection) -> tuple[Rival, ...]:
 
     Beside hosts for any other link; else for one of the selected ones that shares a mass with it.
     """
-    quadratic, candidates, inside = selection.quadratic, selection.candidates, selection.inside
-    penalty, pairs, count = quadratic.penalty, candidates.pairs, len(inside)
+    candidates, inside = selection.candidates, selection.inside
+    pairs, count, exchanges = candidates.pairs, len(inside), []
     if count > _MOST_TERMS:
         return ()
-    own_pairs = penalty.pairs_of(inside) - penalty.stated
-    others = penalty.pairs_of(range(count, len(penalty.pair))) - own_pairs if candidates.hosts else set()
+    found = selection.quadratic.penalty.pairs_of(inside) - candidates.stated_pairs
     masses = {mass.name for mass in candidates.masses}
     terms: dict[int, dict[str, int]] = {}
     for number, entry in selection.entries.items():
         terms.setdefault(entry.pair, {})[entry.term.text] = number
-    exchanges = []
-    for pair in sorted(own_pairs):
+    for pair, rival in permutations(sorted(terms), 2):
+        shared = masses.intersection(pairs[pair].between).intersection(pairs[rival].between)
+        if pair not in found or not (shared if rival in found else candidates.hosts):
+            continue
         own = {text: number for text, number in terms[pair].items() if number < count}
-        ends = masses.intersection(pairs[pair].between)
-        near = {rival for rival in own_pairs if not ends.isdisjoint(pairs[rival].between)} - {pair}
         rest = {*inside} - {*own.values()}
-        for rival in sorted(others | near):
-            model = rest | {terms[rival][text] for text in own if text in terms[rival]}
-            # a link that is left out is what the margins of its terms tell
-            excess = (
-                selection.excess(model) if own.keys() <= terms[rival].keys() and model != rest else np.inf
+        model = rest | {terms[rival][text] for text in own if text in terms[rival]}
+        # a link that is left out is what the margins of its terms tell
+        excess = selection.excess(model) if own.keys() <= terms[rival].keys() and model != rest else np.inf
+        if excess < CERTAIN:
+            change = f"only {excess:.1f} higher" if excess >= 0.0 else f"{-excess:.1f} lower"
+            remark = (
+                f"This record hardly distinguishes the link {pairs[pair].name} from {pairs[rival].name}: with that in its "
+                f"place the criterion is {change}. Excite modes, or measure points, in which both differ."
             )
-            if excess < CERTAIN:
-                change = f"only {excess:.1f} higher" if excess >= 0.0 else f"{-excess:.1f} lower"
-                remark = (
-                    f"This record hardly distinguishes the link {pairs[pair].name} from {pairs[rival].name}: with that in its "
-                    f"place the criterion is {change}. Excite modes, or measure points, in which both differ."
-                )
-                exchanges.append(Rival("link", tuple(own.values()), excess, remark))
+            exchanges.append(Rival("link", tuple(own.values()), excess, remark))
     return tuple(sorted(exchanges, key=lambda rival: rival.excess))
 
 
