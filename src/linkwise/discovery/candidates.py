@@ -188,8 +188,6 @@ class Candidates:
         """The candidates without some masses; masses at the end of a stated link stay."""
         stated = {end for pair in self.pairs for link in pair.stated for end in link.between}
         removed = set(masses) - stated
-        if not removed:
-            return self
         return replace(
             self,
             masses=tuple(mass for mass in self.masses if mass.name not in removed),

@@ -99,27 +99,6 @@ def listed_families() -> list[str]:
     ]
 
 
-def family_terms(text: str) -> str | None:
-    """The list of terms that `text`, such as "friction(0.01)", stands for; None where it names no family.
-
-    Raises IdentificationError if the family takes no number, or needs another one.
-    """
-    name, bracket, rest = text.partition("(")
-    name, number = name.strip(), rest.removesuffix(")")
-    if name not in FAMILIES:
-        return None
-    family = FAMILIES[name]
-    if not bracket:
-        return family.terms
-    if not family.argument:
-        raise IdentificationError(f"the family {name} takes no argument; got {text!r}")
-    if not rest.endswith(")") or not _is_positive(number):
-        raise IdentificationError(
-            f"the family {name} takes {family.argument}, a positive number in brackets, as in {name}(0.01); got {text!r}"
-        )
-    return _VALUE.sub(number, family.terms)
-
-
 def _is_positive(text: str) -> bool:
     try:
         return 0.0 < float(text) < float("inf")
@@ -453,11 +432,26 @@ def _split(text: str, separator: str = ",") -> list[str]:
 
 
 def _expand(part: str) -> list[str]:
-    """The terms of a family, those beside the states of a law with memory, or the term itself."""
+    """The terms of a family, as of "friction(0.01)", those beside the states of a law with memory, or the term itself.
+
+    Raises IdentificationError if the family takes no number, or needs another one.
+    """
     if names_memory(part):
         return plain_terms(part)
-    family = family_terms(part)
-    return [part] if family is None else _split(family)
+    name, bracket, rest = part.partition("(")
+    name, number = name.strip(), rest.removesuffix(")")
+    if name not in FAMILIES:
+        return [part]
+    family = FAMILIES[name]
+    if not bracket:
+        return _split(family.terms)
+    if not family.argument:
+        raise IdentificationError(f"the family {name} takes no argument; got {part!r}")
+    if not rest.endswith(")") or not _is_positive(number):
+        raise IdentificationError(
+            f"the family {name} takes {family.argument}, a positive number in brackets, as in {name}(0.01); got {part!r}"
+        )
+    return _split(_VALUE.sub(number, family.terms))
 
 
 def _require_function_of_motion(term: Term) -> None:

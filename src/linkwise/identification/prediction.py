@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import RecordError, SimulationError, expect
 from linkwise.likelihood.shooting.flow import POINTS, Inputs, Trajectories, flow
-from linkwise.likelihood.shooting.segmentation import forces_at_points, sensor_arrays
+from linkwise.likelihood.shooting.segmentation import inputs_along, sensor_arrays
 from linkwise.likelihood.shooting.segments import A, F, S, Sensors, V, X
 from linkwise.likelihood.shooting.system import NumericSystem, System
 from linkwise.likelihood.shooting.tangents import shown_tangents, tangents
@@ -169,24 +169,8 @@ class WindowPredictor:
         """Inputs at the points of all steps of some windows."""
         steps = np.arange(samples * refine)[:, None, None]
         index = firsts + (steps + POINTS[None, :, None]) / refine  # (J, 5, K)
-        record, structure = self.record, self.structure
-        force = base = None
-        everywhere = (*structure.mass_names, *structure.points)
-        forced = [name for name in everywhere if f"force:{name}" in record.channels]
         size = samples * refine, len(firsts)
-        at_points = forces_at_points(structure, forced, size)
-        if forced:
-            force = np.zeros((samples * refine, len(POINTS), structure.size, len(firsts)))
-            for name in forced:
-                row = structure.topology.row(name)
-                values = _at(record, f"force:{name}", index)
-                force += row[:, None] * values[:, :, None]
-                if at_points is not None and name in structure.points:
-                    at_points[:, :, structure.points.index(name)] = values
-        if np.any(structure.base_incidence):
-            base = np.stack([_at(record, f"x:{BASE}", index, order) for order in (0, 1)], axis=2)
-        signals = {name: _at(record, f"signal:{name}", index) for name in structure.signals}
-        return Inputs(force, base, points=at_points, signals=signals)
+        return inputs_along(self.record, self.structure, size, partial(_at, self.record, index))
 
     def _run(self, nodes: Floats, inputs: Inputs, samples: int, refine: int) -> Trajectories:
         """The motion from states (2 n + S, K)."""
@@ -370,16 +354,18 @@ def no_state(samples: int) -> SimulationError:
     )
 
 
-def _at(record: Record, name: str, index: Floats, order: int = 0) -> Floats:
+def _at(record: Record, index: Floats, name: str, *, derivative: bool = False) -> Floats:
     """Value or rate of an input at fractional samples (J, 5, K), the points of steps; held behind the last one."""
     values, kind = record.channel(name), record.interpolation.get(name, BAND_LIMITED)
     if kind == HELD:  # to the end of the last step in a sample, where the signal jumps
         sample = np.minimum(np.floor(index[:, len(POINTS) // 2]).astype(int), len(values) - 1)
-        return np.zeros(index.shape) + (0.0 if order else values[sample][:, None])
+        return np.zeros(index.shape) + (0.0 if derivative else values[sample][:, None])
     signal = interpolated(0.0, record.rate, values, kind)
     time = index / record.rate
     inside = np.minimum(time, signal.end)
-    return np.where(time <= signal.end, signal.derivative(inside), 0.0) if order else signal.value(inside)
+    return (
+        np.where(time <= signal.end, signal.derivative(inside), 0.0) if derivative else signal.value(inside)
+    )
 
 
 _RELATIVE_ERROR = 1e-6  # of the size of a channel, to which a state is fitted

@@ -62,7 +62,8 @@ def judged_by_likelihood(answer: Estimate) -> Estimate:
     fit = _fit(answer)
     if fit is None:
         return answer
-    examined = Examined(fit, (answer.given_structure,), (answer.record,), searched=True)
+    structure, record = answer.given_structure, answer.record
+    examined = Examined(fit, (structure,), (record,), searched=True)
     judgement = judge(examined, without=_OF_THE_LIKELIHOOD)
     verdict, message = judgement.verdict, judgement.message
     covariance: Floats | csc_array = answer.covariance

@@ -6,14 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import combinations_with_replacement
 from math import comb
-from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.blas import dgemm
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError, RecordError
@@ -27,8 +24,6 @@ from linkwise.sindy.regression.linear_system import (
     Rows,
     StreamedSystem,
     fit_bytes,
-    mirror,
-    product,
 )
 
 
@@ -73,73 +68,6 @@ class Monomials:
                 np.multiply(columns[end - many : end], variable, out=columns[first : first + many])
                 first += many
         return columns.T
-
-
-_TOGETHER = 3  # variables: products of few columns waste the cache, of many they form sums twice
-_ROWS = 32  # of the matrix at a time: what they take stays in the cache
-
-
-@final
-class MonomialSums:
-    """A'A of all monomials up to an order m in q variables, and of `inputs` more columns after them, from its distinct sums.
-
-    With the constant as a variable before the others, a column is a rising list of m variables, and a product of two columns
-    one of 2m. Of all pairs with that product only the one is summed whose first list ends where the second begins: a library
-    of the third order has some seven times fewer sums than half its matrix has entries.
-    """
-
-    def __init__(self, variables: int, order: int, inputs: int) -> None:
-        self._base = variables + 1
-        lists = list(combinations_with_replacement(range(self._base), order))
-        self._lists = list(np.array(lists, dtype=np.min_scalar_type(self._base**order)).T.copy())
-        self._count = len(lists)
-        # the columns whose last variable is one of a few, all those that begin with these or later ones, and their sums
-        self._groups: list[tuple[Indices, slice, Floats]] = []
-        for variable in range(0, self._base, _TOGETHER):
-            ending = np.flatnonzero(self._lists[-1] // _TOGETHER == variable // _TOGETHER)
-            start = int(np.searchsorted(self._lists[0], variable))
-            sums = np.zeros((self._count - start, len(ending)), order="F")
-            self._groups.append((ending, slice(start, self._count), sums))
-        self._inputs = np.zeros((self._count + inputs, inputs))
-
-    def add(self, rows: Floats) -> None:
-        columns = rows.T
-        for ending, beginning, sums in self._groups:
-            dgemm(1.0, columns[beginning].T, columns[ending].T, beta=1.0, c=sums, trans_a=1, overwrite_c=1)
-        if self._inputs.size:
-            self._inputs += product(rows, rows[:, self._count :], transposed=True)
-
-    def matrix(self) -> Floats:
-        order, codes = len(self._lists), self._code(self._lists)
-        # the place of a sum is that of its two lists
-        first, second = np.zeros((2, self._base**order), dtype=np.intp)
-        second[codes] = np.arange(self._count)
-        taken = 0
-        for ending, beginning, sums in self._groups:
-            first[codes[ending]] = taken + np.arange(len(ending)) * len(sums) - beginning.start
-            taken += sums.size
-        every = np.concatenate([sums.ravel(order="F") for _, _, sums in self._groups])
-        matrix = np.empty((len(self._inputs),) * 2)
-        for row in range(0, self._count, _ROWS):
-            rows = slice(row, min(row + _ROWS, self._count))
-            merged = [variable[rows, None] for variable in self._lists]
-            for number, variable in enumerate(self._lists):
-                last = variable[row:]
-                for k in range(number, len(merged)):
-                    merged[k], last = np.minimum(merged[k], last), np.maximum(merged[k], last)
-                merged.append(last)
-            place = first[self._code(merged[:order])] + second[self._code(merged[order:])]
-            matrix[rows, row : self._count] = every[place]
-        matrix[:, self._count :] = self._inputs
-        mirror(matrix.T)
-        return matrix.T
-
-    def _code(self, lists: Sequence[NDArray[Any]]) -> NDArray[Any]:
-        """Numbers that stand for lists of variables, which are given variable by variable."""
-        code = lists[0]
-        for variable in lists[1:]:
-            code = code * self._base + variable
-        return code
 
 
 def tags(masses: tuple[str, ...]) -> tuple[str, ...]:
@@ -222,11 +150,8 @@ def monomial_equations(
         return columns, targets[piece]
 
     primes = tuple(f"x{tagged[mass]}{prime}" for mass in outer for prime in ("'", "''"))
-    columns, count = (*library.names, *names), len(library.variables)
-    # sums repeat, and few enough are kept
-    repeated = 2 <= order <= 4
-    sums = partial(MonomialSums, count, order, len(names)) if repeated else None
-    return StreamedSystem(compute, len(states), columns, ("",) * len(columns), primes, sums)
+    columns = (*library.names, *names)
+    return StreamedSystem(compute, len(states), columns, ("",) * len(columns), primes)
 
 
 def link_columns(states: States, structure: Structure) -> DenseSystem:

@@ -7,7 +7,7 @@ as well, and every mass carries a force of inertia. Applied forces whose channel
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -232,13 +232,7 @@ def flow_inputs(
     IdentificationError
         If an input has missing samples, or the displacement of the base is needed and not recorded.
     """
-    forced = [
-        (structure.topology.row(name), Channel("force", name))
-        for name in (*structure.mass_names, *structure.points)
-        if f"force:{name}" in records[0].channels
-    ]
-    force, base, grid, size = None, None, (samples, refine), (samples * refine, sum(counts))
-    at_points = forces_at_points(structure, [name.place for _, name in forced], size)
+    grid = samples, refine
 
     def along(name: str, *, derivative: bool = False) -> Floats:
         pieces = []
@@ -248,6 +242,24 @@ def flow_inputs(
             pieces.append(value_at_points(record, values, count, grid, kind, derivative=derivative))
         return np.concatenate(pieces, axis=2) if len(pieces) > 1 else pieces[0]
 
+    return inputs_along(records[0], structure, (samples * refine, sum(counts)), along)
+
+
+def inputs_along(
+    record: Record, structure: Structure, size: tuple[int, int], along: Callable[..., Floats]
+) -> Inputs:
+    """The inputs that a record has, at the points of J steps of K segments, `size` being (J, K).
+
+    `along(name, derivative=False)` gives the values (J, 5, K) of a channel there, or its rates. Raises IdentificationError if
+    the displacement of the base is needed and not recorded.
+    """
+    forced = [
+        (structure.topology.row(name), Channel("force", name))
+        for name in (*structure.mass_names, *structure.points)
+        if f"force:{name}" in record.channels
+    ]
+    force = base = None
+    at_points = forces_at_points(structure, [name.place for _, name in forced], size)
     if forced:
         force = np.zeros((size[0], len(POINTS), structure.size, size[1]))
         for row, name in forced:
@@ -257,8 +269,8 @@ def flow_inputs(
             if at_points is not None and name.place in structure.points:
                 at_points[:, :, structure.points.index(name.place)] = values
     if np.any(structure.base_incidence):
-        if "x:base" not in records[0].channels:
-            has = [name for name in records[0].inputs if name.endswith(":base")]
+        if "x:base" not in record.channels:
+            has = [name for name in record.inputs if name.endswith(":base")]
             advice = (
                 f"; {has[0]} determines it only up to drift: integrate it, remove the drift, and"
                 if has
@@ -269,7 +281,7 @@ def flow_inputs(
             )
         motion = np.stack([along("x:base"), along("x:base", derivative=True)], axis=2)
         base = motion if motion.any() else None
-    signals = {name: along(Channel("signal", name)) for name in signals_of(records[0], structure)}
+    signals = {name: along(Channel("signal", name)) for name in signals_of(record, structure)}
     return Inputs(force, base, points=at_points, signals=signals)
 
 

@@ -11,10 +11,10 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol, final
+from typing import final
 
 import numpy as np
-from scipy.linalg.blas import dgemm
+from scipy.linalg.blas import dgemm, dsyrk
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
@@ -33,8 +33,9 @@ def fit_bytes(columns: int) -> int:
     return 8 * _MATRICES * columns**2 + _BLOCKS * _BLOCK_BYTES
 
 
-class GramSums(Protocol):
-    """A'A of rows that come in blocks.
+@final
+class GramSums:
+    """A'A of rows that come in blocks, of `columns` columns.
 
     Examples
     --------
@@ -47,6 +48,9 @@ class GramSums(Protocol):
     [[25.0, 4.0], [4.0, 1.0]]
     """
 
+    def __init__(self, columns: int) -> None:
+        self._sum = np.zeros((columns, columns), order="F")
+
     def add(self, rows: Floats) -> None:
         """Add the products of rows.
 
@@ -55,6 +59,9 @@ class GramSums(Protocol):
         rows : array of shape (B, p)
             Rows of A, in C or Fortran order.
         """
+        turned = rows.flags.c_contiguous
+        columns = rows.T if turned else rows
+        dsyrk(1.0, columns, beta=1.0, c=self._sum, trans=not turned, lower=1, overwrite_c=1)
 
     def matrix(self) -> Floats:
         """The sums so far.
@@ -64,19 +71,7 @@ class GramSums(Protocol):
         array of shape (p, p)
             A'A, in Fortran order.
         """
-
-
-@final
-class RowSums:
-    """A'A of any rows."""
-
-    def __init__(self, columns: int) -> None:
-        self._sum = np.zeros((columns, columns), order="F")
-
-    def add(self, rows: Floats) -> None:
-        self._sum += product(rows, rows, transposed=True)
-
-    def matrix(self) -> Floats:
+        mirror(self._sum)
         return self._sum
 
 
@@ -142,7 +137,7 @@ class LinearSystem(ABC):
         GramSums
             Of no row yet.
         """
-        return RowSums(len(self.names))
+        return GramSums(len(self.names))
 
     def blocks(self, rows: Indices | None = None) -> Iterator[tuple[Floats, Floats]]:
         """Iterate over rows in blocks of about 8 MB.
@@ -248,8 +243,6 @@ class StreamedSystem(LinearSystem):
         Units of the p coefficients; "" where unknown.
     targets : tuple of str
         Names of the T right-hand sides.
-    sums : callable, optional
-        Makes the `GramSums` of these columns, where there is a cheaper way than any rows allow.
 
     Raises
     ------
@@ -272,7 +265,6 @@ class StreamedSystem(LinearSystem):
     names: tuple[str, ...]
     units: tuple[str, ...]
     targets: tuple[str, ...]
-    sums: Callable[[], GramSums] | None = None
 
     def __post_init__(self) -> None:
         _require_named(self.names, self.units, self.targets)
@@ -281,9 +273,6 @@ class StreamedSystem(LinearSystem):
     def rows(self) -> int:
         """Number of rows R."""
         return self.count
-
-    def gram_sums(self) -> GramSums:
-        return self.sums() if self.sums else super().gram_sums()
 
     def rows_of(self, piece: Rows) -> tuple[Floats, Floats]:
         return self.compute(piece)
