@@ -14,12 +14,13 @@ from typing import Any, Unpack, final
 
 import numpy as np
 
-from linkwise.absorption.motion import Potentials, Runs, Vibration, rest_positions, single_run
+from linkwise.absorption.motion import Run, Vibration, barriers, rest_positions, single_run, stored_energy
 from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
 from linkwise.absorption.sinks import (
     SUFFIX,
     Sink,
     delivered_powers,
+    dissipators,
     find_sinks,
     primary_masses,
     with_harvesters,
@@ -346,6 +347,11 @@ class Comparison:
         links = self.structure.links
         return tuple(link.name for link in links if link.name in names or carried & set(link.between))
 
+    @cached_property
+    def dissipators(self) -> dict[str, list[int]]:
+        """What dissipates, by name, with the numbers of its links."""
+        return dissipators(self.structure)
+
     @property
     def resting_structure(self) -> Structure:
         """The structure in whose equilibria the primary masses come to rest.
@@ -450,32 +456,26 @@ def absorb(
 def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
     """Make both runs of a comparison."""
     progress(ProgressReport(0.0, "with sinks"))
-    potentials = Potentials.of([comparison.structure])
-    with_sinks, vibration, runs = _run(comparison, comparison.schedule, potentials, comparison.powers)
+    with_sinks, vibration = _run(comparison, comparison.schedule, comparison.powers)
     progress(ProgressReport(0.5, "without sinks"))
-    of_rest = Potentials.of([comparison.baseline.structure])
-    without, baseline, _ = _run(comparison, comparison.baseline_schedule, of_rest, {})
+    without, baseline = _run(comparison, comparison.baseline_schedule, {})
     level = comparison.options.settle * baseline.decay.peak
-    if not np.any(baseline.runs.v):
+    if not np.any(without.v):
         raise SimulationError(
             f"with the sinks {comparison.options.without} nothing moves, so there is nothing to compare "
             "with: the structure starts at rest in equilibrium; give a release, an impulse, a force or a motion of the base "
             "that moves a primary mass"
         )
     decays = zip(
-        comparison.primaries,
-        level[:, 0].tolist(),
-        _decays(vibration, level),
-        _decays(baseline, level),
-        strict=True,
+        comparison.primaries, level.tolist(), _decays(vibration, level), _decays(baseline, level), strict=True
     )
     return Absorption(
         removal=comparison.options.without,
         settle=comparison.options.settle,
         time=comparison.times,
         masses=tuple(MassChange(*of_mass) for of_mass in decays),
-        sinks=_sink_results(comparison, with_sinks, runs.crossings[0], potentials.tops(0)),
-        harvests=_harvests(comparison, with_sinks, runs),
+        sinks=_sink_results(comparison, with_sinks, vibration.run),
+        harvests=_harvests(comparison, with_sinks, vibration.run.delivered),
         absorbing=comparison.absorbing,
         with_sinks=with_sinks,
         without=without,
@@ -483,55 +483,53 @@ def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
 
 
 def _run(
-    comparison: Comparison, schedule: RunSchedule, potentials: Potentials, powers: Mapping[str, Expression]
-) -> tuple[AbsorptionRun, Vibration, Runs]:
-    """One of the two runs, the vibration of its primary masses, and the run with its crossings and what harvesters took."""
+    comparison: Comparison, schedule: RunSchedule, powers: Mapping[str, Expression]
+) -> tuple[AbsorptionRun, Vibration]:
+    """One of the two runs, and the vibration of its primary masses."""
     motion = SimulatedMotion.of(schedule)
-    runs = single_run(motion, potentials.tops(0), powers)
-    positions = rest_positions([comparison.resting_structure], comparison.primaries)
-    vibration = Vibration(runs, [schedule.structure], comparison.primaries, positions)
-    x_base = schedule.excitation.base_at(schedule.times)
-    run = AbsorptionRun(
+    run = single_run(motion, powers)
+    positions = rest_positions(comparison.resting_structure, comparison.primaries)
+    vibration = Vibration(run, comparison.primaries, positions)
+    result = AbsorptionRun(
         structure=schedule.structure,
-        x=motion.displacement,
-        v=motion.velocity,
-        envelope=vibration.decay.envelope[..., 0],
-        supplied=runs.supplied[:, 0] - potentials.floor[0],
-        stored=(potentials.kinetic(runs.v) + potentials.stored(runs.x, x_base))[:, 0],
-        dissipated=runs.dissipated[..., 0],
+        x=run.x,
+        v=run.v,
+        envelope=vibration.decay.envelope,
+        supplied=run.supplied,
+        stored=stored_energy(schedule.structure, run.d, run.v),
+        dissipated=run.dissipated,
         horizon=motion.horizon,
     )
-    return run, vibration, runs
+    return result, vibration
 
 
 def _decays(vibration: Vibration, level: Floats) -> list[MassDecay]:
-    """The decay of each primary mass; `level` (P, 1) m."""
-    of_run = vibration.decay.of_run(0)
-    settled, rates = (map(finite, column(level[:, 0])) for column in (of_run.settled, of_run.rate))
-    sizes = (vibration.rest[:, 0].tolist(), of_run.peak.tolist(), vibration.rms[:, 0].tolist())
+    """The decay of each primary mass; `level` (P,) m."""
+    decay = vibration.decay
+    settled, rates = (map(finite, column(level)) for column in (decay.settled, decay.rate))
+    sizes = (vibration.rest.tolist(), decay.peak.tolist(), vibration.rms.tolist())
     return [MassDecay(*row) for row in zip(*sizes, settled, rates, strict=True)]
 
 
-def _sink_results(
-    comparison: Comparison, run: AbsorptionRun, crossed: tuple[Floats, ...], tops: list[Floats]
-) -> tuple[SinkResult, ...]:
-    names = [link.name for link in run.structure.links]
-    horizon = np.inf if run.horizon is None else run.horizon
-    d = run.structure.elongations(run.x, comparison.options.excitation.base_at(comparison.times))
+def _sink_results(comparison: Comparison, result: AbsorptionRun, run: Run) -> tuple[SinkResult, ...]:
+    names = [link.name for link in result.structure.links]
+    horizon = np.inf if result.horizon is None else result.horizon
     results = []
     for sink in comparison.sinks:
         number = names.index(sink.link)
-        crossings, before = crossed[number], int(np.sum(crossed[number] < horizon))
-        own_tops, share = tuple(tops[number].tolist()), run.share(sink.link)
-        results.append(SinkResult(sink, own_tops, share, d[:, number], crossings, before))
+        tops, crossings = barriers(result.structure.links[number]).tops, run.crossings[number]
+        before, share = int(np.sum(crossings < horizon)), result.share(sink.link)
+        results.append(SinkResult(sink, tuple(tops.tolist()), share, run.d[:, number], crossings, before))
     return tuple(results)
 
 
-def _harvests(comparison: Comparison, run: AbsorptionRun, runs: Runs) -> tuple[Harvest, ...]:
+def _harvests(
+    comparison: Comparison, run: AbsorptionRun, delivered: Mapping[str, float]
+) -> tuple[Harvest, ...]:
     harvests, duration = [], float(comparison.times[-1])
     for link, given in (comparison.options.harvesters or {}).items():
         if isinstance(given, str):
-            energy = float(runs.delivered[link][0])
+            energy = delivered[link]
             harvest = Harvest(link, None, energy, energy / duration, energy / run.total, given)
         else:
             share = run.share(f"{link}{SUFFIX}")

@@ -242,7 +242,7 @@ def absorption_intervals(
         )
     assert ensemble.envelopes is not None
     shares = [100.0 * _TAIL, 100.0 * (1.0 - _TAIL)]
-    lower, upper = np.percentile(ensemble.envelopes[..., completed], shares, axis=2).astype(float)
+    lower, upper = np.percentile(ensemble.envelopes[completed], shares, axis=0).astype(float)
     columns = zip(ensemble.quantities, identified_values, ensemble.values[completed].T, strict=True)
     return AbsorptionIntervals(
         absorption=absorption,

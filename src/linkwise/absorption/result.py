@@ -191,7 +191,7 @@ class AbsorptionRun:
         (N,) ndarray
             Displacement in m.
         """
-        return place_motion([self.structure], self.x[..., None], [place])[:, 0, 0]
+        return place_motion(self.structure, self.x, [place])[:, 0]
 
     def host_energy(self, host: str) -> Floats:
         """Kinetic and potential energy of the modes of a host.
