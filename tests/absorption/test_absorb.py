@@ -216,7 +216,7 @@ def test_the_text_says_what_matters_and_what_is_not_known(paper: lw.Absorption) 
     assert "109" in text and "2.379 s" in text
     assert paper.to_dict()["sinks"]["nes1"]["crossings"] == 109
     side = paper.with_sinks
-    bad = replace(paper, with_sinks=replace(side, stored=side.stored + 2e-6 * side.total))
+    bad = replace(paper, with_sinks=replace(side, supplied=side.supplied - 2e-6 * side.total))
     assert paper.trusted and not bad.trusted
     assert "The energy balance with sinks has an error of 2e-06 of the energy supplied" in bad.findings[0]
     sink = CHAIN.link("nes1")

@@ -14,8 +14,8 @@ from typing import Any, Unpack, final
 
 import numpy as np
 
-from linkwise.absorption.motion import Run, Vibration, barriers, rest_positions, single_run, stored_energy
-from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
+from linkwise.absorption.motion import AbsorptionRun, barriers, rest_positions, single_run
+from linkwise.absorption.result import Absorption, Harvest, MassChange, MassDecay, SinkResult
 from linkwise.absorption.sinks import (
     SUFFIX,
     Sink,
@@ -450,16 +450,17 @@ def absorb(
     ('m1', 109)
     """
     expect("absorb(structure): structure", structure, Structure)
-    return compare(Comparison.of(structure, options_given(AbsorptionOptions.of, options, keywords)), progress)
+    comparison = Comparison.of(structure, options_given(AbsorptionOptions.of, options, keywords))
+    return compare(comparison, progress)
 
 
 def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
     """Make both runs of a comparison."""
     progress(ProgressReport(0.0, "with sinks"))
-    with_sinks, vibration = _run(comparison, comparison.schedule, comparison.powers)
+    with_sinks = _run(comparison, comparison.schedule, comparison.powers)
     progress(ProgressReport(0.5, "without sinks"))
-    without, baseline = _run(comparison, comparison.baseline_schedule, {})
-    level = comparison.options.settle * baseline.decay.peak
+    without = _run(comparison, comparison.baseline_schedule, {})
+    level = comparison.options.settle * without.decay.peak
     if not np.any(without.v):
         raise SimulationError(
             f"with the sinks {comparison.options.without} nothing moves, so there is nothing to compare "
@@ -467,69 +468,53 @@ def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
             "that moves a primary mass"
         )
     decays = zip(
-        comparison.primaries, level.tolist(), _decays(vibration, level), _decays(baseline, level), strict=True
+        comparison.primaries, level.tolist(), _decays(with_sinks, level), _decays(without, level), strict=True
     )
     return Absorption(
         removal=comparison.options.without,
         settle=comparison.options.settle,
         time=comparison.times,
         masses=tuple(MassChange(*of_mass) for of_mass in decays),
-        sinks=_sink_results(comparison, with_sinks, vibration.run),
-        harvests=_harvests(comparison, with_sinks, vibration.run.delivered),
+        sinks=_sink_results(comparison, with_sinks),
+        harvests=_harvests(comparison, with_sinks),
         absorbing=comparison.absorbing,
         with_sinks=with_sinks,
         without=without,
     )
 
 
-def _run(
-    comparison: Comparison, schedule: RunSchedule, powers: Mapping[str, Expression]
-) -> tuple[AbsorptionRun, Vibration]:
-    """One of the two runs, and the vibration of its primary masses."""
+def _run(comparison: Comparison, schedule: RunSchedule, powers: Mapping[str, Expression]) -> AbsorptionRun:
+    """One of the two runs."""
     motion = SimulatedMotion.of(schedule)
-    run = single_run(motion, powers)
     positions = rest_positions(comparison.resting_structure, comparison.primaries)
-    vibration = Vibration(run, comparison.primaries, positions)
-    result = AbsorptionRun(
-        structure=schedule.structure,
-        x=run.x,
-        v=run.v,
-        envelope=vibration.decay.envelope,
-        supplied=run.supplied,
-        stored=stored_energy(schedule.structure, run.d, run.v),
-        dissipated=run.dissipated,
-        horizon=motion.horizon,
-    )
-    return result, vibration
+    return replace(single_run(motion, comparison.primaries, positions, powers), horizon=motion.horizon)
 
 
-def _decays(vibration: Vibration, level: Floats) -> list[MassDecay]:
+def _decays(run: AbsorptionRun, level: Floats) -> list[MassDecay]:
     """The decay of each primary mass; `level` (P,) m."""
-    decay = vibration.decay
+    decay = run.decay
     settled, rates = (map(finite, column(level)) for column in (decay.settled, decay.rate))
-    sizes = (vibration.rest.tolist(), decay.peak.tolist(), vibration.rms.tolist())
+    sizes = (run.rest.tolist(), decay.peak.tolist(), decay.rms.tolist())
     return [MassDecay(*row) for row in zip(*sizes, settled, rates, strict=True)]
 
 
-def _sink_results(comparison: Comparison, result: AbsorptionRun, run: Run) -> tuple[SinkResult, ...]:
-    names = [link.name for link in result.structure.links]
-    horizon = np.inf if result.horizon is None else result.horizon
+def _sink_results(comparison: Comparison, run: AbsorptionRun) -> tuple[SinkResult, ...]:
+    names = [link.name for link in run.structure.links]
+    horizon = np.inf if run.horizon is None else run.horizon
     results = []
     for sink in comparison.sinks:
         number = names.index(sink.link)
-        tops, crossings = barriers(result.structure.links[number]).tops, run.crossings[number]
-        before, share = int(np.sum(crossings < horizon)), result.share(sink.link)
+        tops, crossings = barriers(run.structure.links[number]).tops, run.crossings[number]
+        before, share = int(np.sum(crossings < horizon)), run.share(sink.link)
         results.append(SinkResult(sink, tuple(tops.tolist()), share, run.d[:, number], crossings, before))
     return tuple(results)
 
 
-def _harvests(
-    comparison: Comparison, run: AbsorptionRun, delivered: Mapping[str, float]
-) -> tuple[Harvest, ...]:
+def _harvests(comparison: Comparison, run: AbsorptionRun) -> tuple[Harvest, ...]:
     harvests, duration = [], float(comparison.times[-1])
     for link, given in (comparison.options.harvesters or {}).items():
         if isinstance(given, str):
-            energy = delivered[link]
+            energy = run.delivered[link]
             harvest = Harvest(link, None, energy, energy / duration, energy / run.total, given)
         else:
             share = run.share(f"{link}{SUFFIX}")

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -15,16 +14,15 @@ from numpy.typing import NDArray
 
 from linkwise.absorption.absorb import Comparison, without_sinks
 from linkwise.absorption.motion import (
+    AbsorptionRun,
     Decay,
-    Run,
-    Vibration,
     comparable,
     reduction,
     rest_positions,
     runs_of,
     stored_energy,
 )
-from linkwise.absorption.sinks import SUFFIX, host_energy
+from linkwise.absorption.sinks import SUFFIX
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
 from linkwise.model.coefficient import Name
@@ -33,7 +31,6 @@ from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.simulation.batch import LANES
-from linkwise.simulation.run import RunSchedule
 
 
 @dataclass(frozen=True)
@@ -99,12 +96,11 @@ class BaselineQuantities(NamedTuple):
     energy: Floats
 
     @classmethod
-    def of(cls, vibration: Vibration, settle: float) -> BaselineQuantities:
+    def of(cls, run: AbsorptionRun, settle: float) -> BaselineQuantities:
         """Those of a run; a mass has settled below a part of its peak."""
-        decay, run = vibration.decay, vibration.run
-        level, structure = settle * decay.peak, run.schedule.structure
-        energies = [host_energy(structure, host, run.x, run.v).mean() for host in structure.hosts]
-        return cls(decay.peak, vibration.rms, level, decay.settled(level), np.array(energies))
+        decay, level = run.decay, settle * run.decay.peak
+        energies = [run.host_energy(host.name).mean() for host in run.structure.hosts]
+        return cls(decay.peak, decay.rms, level, decay.settled(level), np.array(energies))
 
 
 def _no_quantities(comparison: Comparison) -> BaselineQuantities:
@@ -150,12 +146,11 @@ def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
 
 
 def quantity_values(
-    comparison: Comparison, vibration: Vibration, baseline: BaselineQuantities
+    comparison: Comparison, run: AbsorptionRun, baseline: BaselineQuantities
 ) -> dict[str, float]:
     """The value of every quantity in a run with sinks, by name."""
-    run, decay, schedule = vibration.run, vibration.decay, vibration.run.schedule
-    settled, structure = decay.settled(baseline.level), schedule.structure
-    total, dissipated = float(run.supplied[-1]), run.dissipated[-1]
+    decay, schedule, structure = run.decay, run.schedule, run.structure
+    settled, total, dissipated = decay.settled(baseline.level), run.total, run.dissipated[-1]
     remaining = float(stored_energy(structure, run.d[-1:], run.v[-1:])[0])
     names = [link.name for link in structure.links]
     shares = {name: dissipated[numbers].sum() / total for name, numbers in comparison.dissipators.items()}
@@ -163,7 +158,7 @@ def quantity_values(
     crossings = {names[link]: float(len(run.crossings[link])) for link in links}
     units = [unit_in(structure, f"x:{name}") for name in comparison.primaries]
     of_rms, of_peak = (comparable(sizes, units) for sizes in (baseline.rms, baseline.peak))
-    joint_rms = (float(np.linalg.norm(of_rms * rms)) for rms in (vibration.rms, baseline.rms))
+    joint_rms = (float(np.linalg.norm(of_rms * rms)) for rms in (decay.rms, baseline.rms))
     joint_peaks = (float((of_peak * peak).max()) for peak in (decay.peak, baseline.peak))
     values: dict[str, Any] = {
         "settled": settled.max(),
@@ -175,16 +170,15 @@ def quantity_values(
         "remaining": remaining / total,
         "closure": abs(total - remaining - dissipated.sum()) / np.abs(run.supplied).max(),
         "peak": decay.peak.max(),
-        "rms": np.linalg.norm(vibration.rms),
+        "rms": np.linalg.norm(decay.rms),
     }
-    rms, peaks = reduction(vibration.rms, baseline.rms), reduction(decay.peak, baseline.peak)
+    rms, peaks = reduction(decay.rms, baseline.rms), reduction(decay.peak, baseline.peak)
     for row, name in enumerate(comparison.primaries):
         values[f"settled:{name}"] = settled[row]
         values[f"rms_reduction:{name}"] = rms[row]
         values[f"peak_reduction:{name}"] = peaks[row]
     for host, without in zip(structure.hosts, baseline.energy, strict=True):
-        energy = host_energy(structure, host, run.x, run.v).mean()
-        values[f"energy_reduction:{host.name}"] = reduction(energy, without)
+        values[f"energy_reduction:{host.name}"] = reduction(run.host_energy(host.name).mean(), without)
     values |= {f"share:{name}": share for name, share in shares.items()}
     values |= {f"crossings:{name}": count for name, count in crossings.items()}
     base = schedule.excitation.base
@@ -256,28 +250,16 @@ class Ensemble:
         return self.values[:, [quantity.name for quantity in self.quantities].index(name)]
 
 
-def _follow(
-    schedules: Sequence[RunSchedule],
-    make: Callable[[Sequence[RunSchedule]], list[Run | None]],
-    collect: Callable[[int, Run], None],
-    workers: int,
-    report: Callable[[float], object],
+def _in_batches(
+    count: int, task: Callable[[range], object], workers: int, report: Callable[[float], object]
 ) -> None:
-    """Run all schedules, `LANES` at a time on `workers` threads, and hand over those that come to their end."""
-
-    def task(numbers: range) -> int:
-        for number, run in zip(numbers, make([schedules[number] for number in numbers]), strict=True):
-            if run is not None:
-                collect(number, run)
-        return len(numbers)
-
-    done, numbers = 0, range(len(schedules))
-    groups = [numbers[first : first + LANES] for first in numbers[::LANES]]
+    """Do a task for so many runs, `LANES` at a time on `workers` threads."""
+    groups = [range(count)[first : first + LANES] for first in range(0, count, LANES)]
     pool = ThreadPoolExecutor(min(workers, len(groups)))
     try:
-        for future in as_completed([pool.submit(task, group) for group in groups]):
-            done += future.result()
-            report(done / len(schedules))
+        for done, future in enumerate(as_completed([pool.submit(task, group) for group in groups]), start=1):
+            future.result()
+            report(done / len(groups))
     finally:  # an interrupt waits for the batches under way and starts no others
         pool.shutdown(wait=True, cancel_futures=True)
 
@@ -286,14 +268,12 @@ def run_ensemble(
     comparisons: Sequence[Comparison],
     *,
     envelopes: bool = False,
-    one_by_one: bool = False,
     workers: int | None = None,
     progress: Progress = silent,
 ) -> Ensemble:
     """Make comparisons of structures of one shape on `workers` threads (default: one for each processor).
 
-    Comparisons may share one object for the structure without sinks, which is then run once. With `one_by_one` each run has
-    the precision of `absorb`, so that a chaotic motion is the same.
+    Comparisons may share one object for the structure without sinks, which is then run once.
     """
     if workers is not None and workers < 1:
         raise SimulationError(f"workers must be at least 1, got {workers}")
@@ -301,36 +281,42 @@ def run_ensemble(
     baselines, baseline_of = _distinct([comparison.baseline for comparison in comparisons])
     owners = [int(np.argmax(baseline_of == number)) for number in range(len(baselines))]
     structures, structure_of = _distinct([comparison.resting_structure for comparison in comparisons])
-    rests = [rest_positions(structure, primaries) for structure in structures]
+    distinct_positions = [rest_positions(structure, primaries) for structure in structures]
+    positions = [distinct_positions[number] for number in structure_of]
     quantities, without = quantities_of(first), [_no_quantities(first)] * len(baselines)
     values = np.full((len(comparisons), len(quantities)), np.nan)
     completed = np.zeros(len(comparisons), dtype=bool)
     shape = len(comparisons), len(first.times), len(primaries)
     all_envelopes = np.full(shape, np.nan, np.float32) if envelopes else None
 
-    def collect_baseline(number: int, run: Run) -> None:
-        vibration = Vibration(run, primaries, rests[structure_of[owners[number]]])
-        without[number] = BaselineQuantities.of(vibration, first.options.settle)
+    def run_without(numbers: range) -> None:
+        schedules = [comparisons[owners[number]].baseline_schedule for number in numbers]
+        rests = [positions[owners[number]] for number in numbers]
+        for number, run in zip(numbers, runs_of(schedules, primaries, rests, {}), strict=True):
+            if run is not None:
+                without[number] = BaselineQuantities.of(run, first.options.settle)
 
-    def collect(number: int, run: Run) -> None:
-        vibration = Vibration(run, primaries, rests[structure_of[number]])
-        by_name = quantity_values(first, vibration, without[baseline_of[number]])
-        values[number] = [by_name[quantity.name] for quantity in quantities]
-        completed[number] = True
-        if all_envelopes is not None:
-            all_envelopes[number] = vibration.decay.envelope
+    def run_with(numbers: range) -> None:
+        schedules, rests = (
+            [comparisons[number].schedule for number in numbers],
+            [positions[n] for n in numbers],
+        )
+        for number, run in zip(numbers, runs_of(schedules, primaries, rests, first.powers), strict=True):
+            if run is not None:
+                by_name = quantity_values(first, run, without[baseline_of[number]])
+                values[number] = [by_name[quantity.name] for quantity in quantities]
+                completed[number] = True
+                if all_envelopes is not None:
+                    all_envelopes[number] = run.envelope
 
     def report(activity: str, first: float, last: float) -> Callable[[float], object]:
         return lambda done: progress(ProgressReport(first + (last - first) * done, activity))
 
     share = len(baselines) / (len(baselines) + len(comparisons))
+    activity = f"{len(comparisons)} runs with sinks"
     with one_blas_thread():
-        make = partial(runs_of, powers={}, one_by_one=one_by_one)
-        schedules = [comparisons[owner].baseline_schedule for owner in owners]
-        _follow(schedules, make, collect_baseline, workers, report("without sinks", 0.0, share))
-        make = partial(runs_of, powers=first.powers, one_by_one=one_by_one)
-        schedules = [comparison.schedule for comparison in comparisons]
-        _follow(schedules, make, collect, workers, report(f"{len(comparisons)} runs with sinks", share, 1.0))
+        _in_batches(len(baselines), run_without, workers, report("without sinks", 0.0, share))
+        _in_batches(len(comparisons), run_with, workers, report(activity, share, 1.0))
     return Ensemble(quantities, values, completed, all_envelopes)
 
 

@@ -22,12 +22,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from linkwise.absorption.sinks import delivered_energy, place_motion
+from linkwise.absorption.sinks import delivered_energy, dissipators, host_energy, place_motion
 from linkwise.analysis.potential_wells import link_rest_points
 from linkwise.analysis.rest_positions import equilibria
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Expression, Number, Program, polynomial
+from linkwise.model.coefficient import index_of
 from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
@@ -212,87 +213,6 @@ def _rests_at_zero(link: Link) -> bool:
     return own.floor == 0.0 and not len(own.tops) and float(link.force(0.0, states=link.zero_states)) == 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """A run of a `schedule` over N times: `x` (N, n) m and `v` (N, n) m/s, and elongations `d` (N, L) m.
-
-    `dissipated` (N, L) J is the energy that each link has dissipated, `supplied` (N,) J the energy at the start, above that in
-    the lowest wells, and all work done since. `crossings` holds, by link, the times in s at which it went from one well to
-    another; `delivered` the energy in J that harvesters given by an expression took, by link.
-    """
-
-    schedule: RunSchedule
-    x: Floats
-    v: Floats
-    d: Floats
-    dissipated: Floats
-    supplied: Floats
-    crossings: tuple[Floats, ...]
-    delivered: Mapping[str, float] = field(default_factory=dict)
-
-
-def single_run(motion: SimulatedMotion, powers: Mapping[str, Expression]) -> Run:
-    """One motion in full precision and with the kinks of its laws; `powers` are those that links deliver, in W."""
-    energy, schedule, own = (
-        motion.energy,
-        motion.schedule,
-        list(map(barriers, motion.schedule.structure.links)),
-    )
-    d = _elongation(schedule, motion.displacement)
-    return Run(
-        schedule,
-        motion.displacement,
-        motion.velocity,
-        d,
-        energy.dissipated,
-        energy.supplied - sum(floor for _, floor in own),
-        _since_onset(schedule, d, crossings(schedule, motion.run, [tops for tops, _ in own])),
-        delivered_energy(motion, powers),
-    )
-
-
-def runs_of(
-    schedules: Sequence[RunSchedule], powers: Mapping[str, Expression], *, one_by_one: bool = False
-) -> list[Run | None]:
-    """The runs of schedules that differ in numbers only; None for one that did not come to its end.
-
-    `powers` are those that links deliver, in W. The runs are made side by side in double precision, or `one_by_one`, as they
-    are if a law is not smooth or has memory, or shapes of hosts differ.
-    """
-    first, runs = schedules[0], list[Run | None]()
-    shapes = [[mode.shape for host in own.structure.hosts for mode in host.modes] for own in schedules]
-    memory = any(link.law.states for link in first.structure.links)
-    if one_by_one or memory or powers or shapes.count(shapes[0]) < len(shapes) or not can_batch(first):
-        for schedule in schedules:
-            try:
-                runs.append(single_run(SimulatedMotion.of(schedule), powers))
-            except SimulationError:
-                runs.append(None)
-        return runs
-    levels = [[barriers(link).tops for link in schedule.structure.links] for schedule in schedules]
-    for schedule, own in zip(schedules, run_batch(schedules, levels), strict=True):
-        if own is None:
-            runs.append(None)
-            continue
-        d, size = _elongation(schedule, own.x), schedule.structure.size
-        supplied = own.work + stored_energy(schedule.structure, d[:1], schedule.start[None, size:])
-        times = [distinct(crossed, schedule.end) for crossed in own.crossings]
-        crossed = _since_onset(schedule, d, times)
-        runs.append(Run(schedule, own.x, own.v, d, own.dissipated, supplied, crossed))
-    return runs
-
-
-def _elongation(schedule: RunSchedule, x: Floats) -> Floats:
-    """(N, L) m of all links."""
-    return schedule.structure.elongations(x, schedule.excitation.base_at(schedule.times))
-
-
-def _since_onset(schedule: RunSchedule, d: Floats, crossed: Sequence[Floats]) -> tuple[Floats, ...]:
-    """The times at which each link `crossed` a barrier without those before it begins to move."""
-    links = zip(crossed, d.T, schedule.structure.links, strict=True)
-    return tuple(after_onset(times, schedule.times, own, barriers(link).tops) for times, own, link in links)
-
-
 #: Indices of intervals between samples, axis by axis.
 Intervals = tuple[Indices, ...]
 
@@ -360,6 +280,11 @@ class Decay:
         total -= step**2 / 12.0 * (slope[-1] - slope[0])
         return np.asarray(total / (self.time[-1] - self.time[0]))
 
+    @property
+    def rms(self) -> Floats:
+        """(...) m: the root mean square excursion."""
+        return np.sqrt(self.mean_square)
+
     def settled(self, level: Floats) -> Floats:
         """(...) s: the time after which each excursion stays below `level` (...) m; NaN if it does not.
 
@@ -401,30 +326,218 @@ class Decay:
 
 
 @dataclass(frozen=True, eq=False)
-class Vibration:
-    """The P primary masses and points, `places`, in a run, about the one of the rest `positions` (E, P) nearest to its end."""
+class AbsorptionRun:
+    """One of the two runs, with N samples of n masses, P primary masses and L links.
 
-    run: Run
-    places: Sequence[str]
+    Energy is counted from the lowest wells of all links, so that supplied = stored + sum of dissipated.
+
+    Attributes
+    ----------
+    schedule : RunSchedule
+        What was run, with its structure, excitation and output times.
+    primaries : tuple of str
+        The primary masses and points.
+    positions : (E, P) ndarray
+        Displacements in m at which they may come to rest.
+    x, v : (N, n) ndarray
+        Displacements in m and velocities in m/s of all masses; of a mode its coordinate.
+    d : (N, L) ndarray
+        Elongations in m of all links.
+    dissipated : (N, L) ndarray
+        Energy in J that each link has dissipated.
+    supplied : (N,) ndarray
+        Energy in J at the start and work done on the structure since.
+    crossings : tuple of ndarray
+        For each link the times in s at which it went from one well to another.
+    delivered : mapping of str to float
+        Energy in J that harvesters given by an expression took, by link.
+    horizon : float or None
+        Time in s past which a chaotic motion cannot be predicted; None if it can throughout, or was not asked for.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=2.0, release={"v:m1": 1.0})
+    >>> run = result.with_sinks
+    >>> run.closure < 1e-9
+    True
+    >>> round(float(run.dissipated[-1].sum() / run.total + run.remaining[-1]), 9)
+    1.0
+    """
+
+    schedule: RunSchedule
+    primaries: tuple[str, ...]
     positions: Floats
+    x: Floats
+    v: Floats
+    d: Floats
+    dissipated: Floats
+    supplied: Floats
+    crossings: tuple[Floats, ...]
+    delivered: Mapping[str, float] = field(default_factory=dict)
+    horizon: float | None = None
+
+    @property
+    def structure(self) -> Structure:
+        """The structure that was run."""
+        return self.schedule.structure
 
     @cached_property
     def rest(self) -> Floats:
-        """(P,) m: where the masses come to rest."""
-        last = place_motion(self.run.schedule.structure, self.run.x[-1:], self.places)
+        """(P,) m: where the primary masses come to rest, of the `positions` the one nearest to their end."""
+        last = place_motion(self.structure, self.x[-1:], self.primaries)
         return np.asarray(self.positions[np.square(self.positions - last).sum(axis=1).argmin()])
 
     @cached_property
     def decay(self) -> Decay:
         """The excursions (N, P) from there."""
-        schedule = self.run.schedule
-        x, v = (place_motion(schedule.structure, own, self.places) for own in (self.run.x, self.run.v))
-        return Decay(schedule.times, x - self.rest, v)
+        x, v = (place_motion(self.structure, own, self.primaries) for own in (self.x, self.v))
+        return Decay(self.schedule.times, x - self.rest, v)
+
+    @property
+    def envelope(self) -> Floats:
+        """(N, P) m: the largest excursion of the primary masses and points from each sample on."""
+        return self.decay.envelope
 
     @cached_property
-    def rms(self) -> Floats:
-        """(P,) m: the root mean square excursion."""
-        return np.sqrt(self.decay.mean_square)
+    def stored(self) -> Floats:
+        """(N,) J: kinetic and potential energy."""
+        return stored_energy(self.structure, self.d, self.v)
+
+    @property
+    def total(self) -> float:
+        """Energy in J supplied by the end."""
+        return float(self.supplied[-1])
+
+    @property
+    def remaining(self) -> Floats:
+        """(N,) part of `total` that is still stored."""
+        return self.stored / self.total
+
+    @property
+    def closure(self) -> float:
+        """The largest error of the energy balance, as a part of the largest energy supplied."""
+        error = self.supplied - self.stored - self.dissipated.sum(axis=1)
+        return float(np.abs(error).max() / np.abs(self.supplied).max())
+
+    @cached_property
+    def dissipated_by(self) -> dict[str, Floats]:
+        """(N,) energy in J that each host, by all its modes, and each other link has dissipated."""
+        by = dissipators(self.structure)
+        return {name: self.dissipated[:, numbers].sum(axis=1) for name, numbers in by.items()}
+
+    def share(self, link: str) -> float:
+        """The part of the energy supplied that a link or a host has dissipated by the end.
+
+        Parameters
+        ----------
+        link : str
+            Name of the link or the host.
+
+        Returns
+        -------
+        float
+            The part of `total`, from 0 to 1.
+
+        Raises
+        ------
+        ValueError
+            If there is no such link.
+        """
+        if link in self.dissipated_by:
+            return float(self.dissipated_by[link][-1] / self.total)
+        names = [link.name for link in self.structure.links]
+        return float(self.dissipated[-1, names.index(link)] / self.total)
+
+    def displacement(self, place: str) -> Floats:
+        """Displacement of a mass or of a point of a host.
+
+        Parameters
+        ----------
+        place : str
+            Its name.
+
+        Returns
+        -------
+        (N,) ndarray
+            Displacement in m.
+        """
+        return place_motion(self.structure, self.x, [place])[:, 0]
+
+    def host_energy(self, host: str) -> Floats:
+        """Kinetic and potential energy of the modes of a host.
+
+        Parameters
+        ----------
+        host : str
+            Name of the host.
+
+        Returns
+        -------
+        (N,) ndarray
+            Energy in J.
+
+        Raises
+        ------
+        StructureError
+            If there is no such host.
+        """
+        hosts = {own.name: own for own in self.structure.hosts}
+        return host_energy(self.structure, index_of(hosts, host, "host", "hosts"), self.x, self.v)
+
+
+def single_run(
+    motion: SimulatedMotion, primaries: tuple[str, ...], positions: Floats, powers: Mapping[str, Expression]
+) -> AbsorptionRun:
+    """One motion in full precision and with the kinks of its laws; `powers` are those that links deliver, in W."""
+    energy, schedule, x = motion.energy, motion.schedule, motion.displacement
+    d, own = _elongation(schedule, x), [barriers(link) for link in schedule.structure.links]
+    crossed = _since_onset(schedule, d, crossings(schedule, motion.run, [tops for tops, _ in own]))
+    supplied, delivered = energy.supplied - sum(floor for _, floor in own), delivered_energy(motion, powers)
+    moved = x, motion.velocity, d, energy.dissipated, supplied
+    return AbsorptionRun(schedule, primaries, positions, *moved, crossed, delivered)
+
+
+def runs_of(
+    schedules: Sequence[RunSchedule],
+    primaries: tuple[str, ...],
+    positions: Sequence[Floats],
+    powers: Mapping[str, Expression],
+) -> list[AbsorptionRun | None]:
+    """The runs of schedules that differ in numbers only; None for one that did not come to its end.
+
+    `powers` are those that links deliver, in W. The runs are made side by side in double precision, or one by one if links
+    deliver some, a law is not smooth or has memory, or shapes of hosts differ.
+    """
+    first, runs = schedules[0], list[AbsorptionRun | None]([None] * len(schedules))
+    shapes = [[mode.shape for host in own.structure.hosts for mode in host.modes] for own in schedules]
+    memory = any(link.law.states for link in first.structure.links)
+    if memory or powers or shapes.count(shapes[0]) < len(shapes) or not can_batch(first):
+        for number, (schedule, rests) in enumerate(zip(schedules, positions, strict=True)):
+            with suppress(SimulationError):
+                runs[number] = single_run(SimulatedMotion.of(schedule), primaries, rests, powers)
+        return runs
+    levels = [[barriers(link).tops for link in schedule.structure.links] for schedule in schedules]
+    for number, own in enumerate(run_batch(schedules, levels)):
+        if own is not None:
+            schedule = schedules[number]
+            d, v = _elongation(schedule, own.x), schedule.start[None, schedule.structure.size :]
+            supplied = own.work + stored_energy(schedule.structure, d[:1], v)
+            crossed = _since_onset(schedule, d, [distinct(times, schedule.end) for times in own.crossings])
+            moved = own.x, own.v, d, own.dissipated, supplied
+            runs[number] = AbsorptionRun(schedule, primaries, positions[number], *moved, crossed)
+    return runs
+
+
+def _elongation(schedule: RunSchedule, x: Floats) -> Floats:
+    """(N, L) m of all links."""
+    return schedule.structure.elongations(x, schedule.excitation.base_at(schedule.times))
+
+
+def _since_onset(schedule: RunSchedule, d: Floats, crossed: Sequence[Floats]) -> tuple[Floats, ...]:
+    """The times at which each link `crossed` a barrier without those before it begins to move."""
+    links = zip(crossed, d.T, schedule.structure.links, strict=True)
+    return tuple(after_onset(times, schedule.times, own, barriers(link).tops) for times, own, link in links)
 
 
 def reduction(with_sinks: Floats | float, without: Floats | float) -> Floats:

@@ -416,8 +416,8 @@ def to_code(expression: Expression, style: CodeStyle, names: Mapping[str, str] |
                 return _product((expression,), style, names)
             return style.integer_power.format(_atom(base, style, names), exponent)
         case Power(base, exponent):
-            plain = isinstance(exponent, float)
-            raised = style.number(exponent) if plain else _atom(as_expression(exponent), style, names)
+            write = _atom if isinstance(exponent, Expression) else to_code
+            raised = write(as_expression(exponent), style, names)
             text = style.power.format(_atom(base, style, names), raised)
             return f"{style.real}({text})" if style.real else text
     raise TypeError(f"not an expression: {expression!r}")
