@@ -143,33 +143,27 @@ class AbsorptionOptions:
         return cls(**own, excitation=Excitation(**drives))
 
 
-@dataclass(frozen=True, eq=False)
-class WithoutSinks:
-    """A structure without its sinks and the excitation that is left for it."""
-
-    structure: Structure
-    excitation: Excitation
-
-
 def without_sinks(
     structure: Structure, sinks: Sequence[Sink], excitation: Excitation, removal: str
-) -> WithoutSinks:
-    """The structure with its sinks "removed" or "locked".
+) -> tuple[Structure, Excitation]:
+    """The structure with its sinks "removed" or "locked", and the excitation that is left for it.
 
     Excitation of a sink's mass is dropped with a removed sink, and acts on the host of a locked one; a release then keeps the
     momentum of both. Raises StructureError if no valid structure is left, SimulationError if no excitation is left.
     """
-    baseline = (_removed if removal == "removed" else _locked)(structure, sinks, excitation)
-    if baseline.excitation.is_empty:
+    left, remaining = (_removed if removal == "removed" else _locked)(structure, sinks, excitation)
+    if remaining.is_empty:
         problem = f"with the sinks {removal} nothing sets the structure in motion, so there is nothing to compare with"
         if removal == "removed":
             remedy = "excite a primary mass, or compare with the sinks locked"
             raise SimulationError(f"{problem}; {remedy}", arguments=("without",))
         raise SimulationError(f"{problem}; give a release, an impulse, a force or a motion of the base")
-    return baseline
+    return left, remaining
 
 
-def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
+def _removed(
+    structure: Structure, sinks: Sequence[Sink], excitation: Excitation
+) -> tuple[Structure, Excitation]:
     removed = {sink.mass for sink in sinks if sink.mass is not None}
     names = {sink.link for sink in sinks}
     gone = [link for link in structure.links if link.name in names or removed & set(link.between)]
@@ -181,10 +175,12 @@ def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation
     impulses = tuple(impulse for impulse in excitation.impulses if impulse.mass not in removed)
     forces = {mass: force for mass, force in excitation.forces.items() if mass not in removed}
     base = excitation.base if left.base_incidence.any() else None
-    return WithoutSinks(left, Excitation(release, impulses, forces, base))
+    return left, Excitation(release, impulses, forces, base)
 
 
-def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
+def _locked(
+    structure: Structure, sinks: Sequence[Sink], excitation: Excitation
+) -> tuple[Structure, Excitation]:
     hosted = [
         (sink, f"point {sink.host}", "change the modes of the host")
         for sink in sinks
@@ -220,7 +216,7 @@ def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation)
     release = {f"x:{name}": x[name] for name in joined if x[name]}
     release |= {f"v:{name}": momentum / joined[name] for name, momentum in momenta.items() if momentum}
     forces = _combined_forces(excitation.forces, root)
-    return WithoutSinks(left, Excitation(release, impulses, forces, excitation.base))
+    return left, Excitation(release, impulses, forces, excitation.base)
 
 
 def _root(name: str, host: Mapping[str, str]) -> str:
@@ -288,15 +284,11 @@ _MOST_SAMPLES = 2_000_000  # by default
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A `structure` with harvesters, its `sinks`, the `baseline` without them, and the `options` of the comparison.
-
-    `times` (N,) s are those of the output.
-    """
+    """A `structure` with harvesters, its `sinks`, the run without them as `baseline`, and the `options` of the comparison."""
 
     structure: Structure
     sinks: tuple[Sink, ...]
-    baseline: WithoutSinks
-    times: Floats
+    baseline: RunSchedule
     options: AbsorptionOptions
 
     @classmethod
@@ -312,12 +304,17 @@ class Comparison:
         if excitation.is_empty:
             remedy = "give a release, an impulse, a force or a motion of the base"
             raise SimulationError(f"nothing sets the structure in motion; {remedy}")
-        baseline = without_sinks(equipped, sinks, excitation, options.without)
-        duration = _default_duration(baseline.structure) if options.duration is None else options.duration
+        left, remaining = without_sinks(equipped, sinks, excitation, options.without)
+        duration = _default_duration(left) if options.duration is None else options.duration
         rate = _default_rate(structure, duration) if options.rate is None else options.rate
         times = output_times(duration, rate)
         check_excitation(equipped, excitation, float(times[-1]))
-        return cls(equipped, sinks, baseline, times, options)
+        return cls(equipped, sinks, RunSchedule(left, remaining, times), options)
+
+    @property
+    def times(self) -> Floats:
+        """Those of the output in s, (N,)."""
+        return self.baseline.times
 
     @cached_property
     def powers(self) -> Mapping[str, Expression]:
@@ -328,11 +325,6 @@ class Comparison:
     def schedule(self) -> RunSchedule:
         """The run with sinks."""
         return RunSchedule(self.structure, self.options.excitation, self.times)
-
-    @property
-    def baseline_schedule(self) -> RunSchedule:
-        """The run without sinks."""
-        return RunSchedule(self.baseline.structure, self.baseline.excitation, self.times)
 
     @cached_property
     def primaries(self) -> tuple[str, ...]:
@@ -459,7 +451,7 @@ def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
     progress(ProgressReport(0.0, "with sinks"))
     with_sinks = _run(comparison, comparison.schedule, comparison.powers)
     progress(ProgressReport(0.5, "without sinks"))
-    without = _run(comparison, comparison.baseline_schedule, {})
+    without = _run(comparison, comparison.baseline, {})
     level = comparison.options.settle * without.decay.peak
     if not np.any(without.v):
         raise SimulationError(

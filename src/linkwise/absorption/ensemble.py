@@ -31,6 +31,7 @@ from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.simulation.batch import LANES
+from linkwise.simulation.run import RunSchedule
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,8 @@ def variants(
         varied = structure.with_values(numbers) if numbers else comparison.structure
         baseline = comparison.baseline
         if changes:
-            baseline = without_sinks(varied, comparison.sinks, drive, own.without)
+            left = without_sinks(varied, comparison.sinks, drive, own.without)
+            baseline = RunSchedule(*left, comparison.times)
         return replace(
             comparison, structure=varied, baseline=baseline, options=replace(own, excitation=drive)
         )
@@ -290,7 +292,7 @@ def run_ensemble(
     all_envelopes = np.full(shape, np.nan, np.float32) if envelopes else None
 
     def run_without(numbers: range) -> None:
-        schedules = [comparisons[owners[number]].baseline_schedule for number in numbers]
+        schedules = [comparisons[owners[number]].baseline for number in numbers]
         rests = [positions[owners[number]] for number in numbers]
         for number, run in zip(numbers, runs_of(schedules, primaries, rests, {}), strict=True):
             if run is not None:
