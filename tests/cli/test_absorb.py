@@ -124,7 +124,7 @@ def test_a_sweep_writes_a_map(absorb: str, tmp_path: Path) -> None:
 def test_an_answer_not_to_be_trusted_ends_with_3(absorb: str, monkeypatch: pytest.MonkeyPatch) -> None:
     good = lw.absorb(lw.bnes_chain(2), duration=0.5, release={"v:m1": 1.0})
     side = good.with_sinks
-    bad = replace(good, with_sinks=replace(side, stored=side.stored + 2e-6 * side.total))
+    bad = replace(good, with_sinks=replace(side, supplied=side.supplied - 2e-6 * side.total))
     monkeypatch.setattr(lw, "absorb", lambda *_, **__: bad)
     assert "! The energy balance with sinks has an error of 2e-06" in said(absorb, 3).out
 

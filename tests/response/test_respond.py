@@ -258,7 +258,7 @@ def test_the_largest_amplitude_of_a_branch_is_one_that_a_test_shows() -> None:
     [
         ({"force": None}, "needs one excitation"),
         ({"force": None, "base": {"a": 1.0}}, 'no link has "base" as an end'),
-        ({"force": {"m2": 1.0}}, "unknown mass 'm2' in a force; the masses and points are m1"),
+        ({"force": {"m2": 1.0}}, "unknown mass 'm2' in a force; the masses are m1"),
         ({"hz": (2.0, 1.0)}, "from a positive one to a higher one"),
         ({"show": ("a:m1",)}, "a:m1 cannot be what is shown"),
     ],

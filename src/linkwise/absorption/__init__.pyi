@@ -10,7 +10,7 @@ from linkwise.absorption.intervals import absorption_intervals as absorption_int
 from linkwise.absorption.map import AbsorptionMap as AbsorptionMap
 from linkwise.absorption.map import SweepAxis as SweepAxis
 from linkwise.absorption.map import absorption_map as absorption_map
-from linkwise.absorption.result import AbsorptionRun as AbsorptionRun
+from linkwise.absorption.motion import AbsorptionRun as AbsorptionRun
 from linkwise.absorption.result import Harvest as Harvest
 from linkwise.absorption.result import MassChange as MassChange
 from linkwise.absorption.result import MassDecay as MassDecay

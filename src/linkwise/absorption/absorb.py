@@ -14,12 +14,13 @@ from typing import Any, Unpack, final
 
 import numpy as np
 
-from linkwise.absorption.motion import Potentials, Runs, Vibration, rest_positions, single_run
-from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
+from linkwise.absorption.motion import AbsorptionRun, barriers, rest_positions, single_run
+from linkwise.absorption.result import Absorption, Harvest, MassChange, MassDecay, SinkResult
 from linkwise.absorption.sinks import (
     SUFFIX,
     Sink,
     delivered_powers,
+    dissipators,
     find_sinks,
     primary_masses,
     with_harvesters,
@@ -142,33 +143,27 @@ class AbsorptionOptions:
         return cls(**own, excitation=Excitation(**drives))
 
 
-@dataclass(frozen=True, eq=False)
-class WithoutSinks:
-    """A structure without its sinks and the excitation that is left for it."""
-
-    structure: Structure
-    excitation: Excitation
-
-
 def without_sinks(
     structure: Structure, sinks: Sequence[Sink], excitation: Excitation, removal: str
-) -> WithoutSinks:
-    """The structure with its sinks "removed" or "locked".
+) -> tuple[Structure, Excitation]:
+    """The structure with its sinks "removed" or "locked", and the excitation that is left for it.
 
     Excitation of a sink's mass is dropped with a removed sink, and acts on the host of a locked one; a release then keeps the
     momentum of both. Raises StructureError if no valid structure is left, SimulationError if no excitation is left.
     """
-    baseline = (_removed if removal == "removed" else _locked)(structure, sinks, excitation)
-    if baseline.excitation.is_empty:
+    left, remaining = (_removed if removal == "removed" else _locked)(structure, sinks, excitation)
+    if remaining.is_empty:
         problem = f"with the sinks {removal} nothing sets the structure in motion, so there is nothing to compare with"
         if removal == "removed":
             remedy = "excite a primary mass, or compare with the sinks locked"
             raise SimulationError(f"{problem}; {remedy}", arguments=("without",))
         raise SimulationError(f"{problem}; give a release, an impulse, a force or a motion of the base")
-    return baseline
+    return left, remaining
 
 
-def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
+def _removed(
+    structure: Structure, sinks: Sequence[Sink], excitation: Excitation
+) -> tuple[Structure, Excitation]:
     removed = {sink.mass for sink in sinks if sink.mass is not None}
     names = {sink.link for sink in sinks}
     gone = [link for link in structure.links if link.name in names or removed & set(link.between)]
@@ -180,10 +175,12 @@ def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation
     impulses = tuple(impulse for impulse in excitation.impulses if impulse.mass not in removed)
     forces = {mass: force for mass, force in excitation.forces.items() if mass not in removed}
     base = excitation.base if left.base_incidence.any() else None
-    return WithoutSinks(left, Excitation(release, impulses, forces, base))
+    return left, Excitation(release, impulses, forces, base)
 
 
-def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
+def _locked(
+    structure: Structure, sinks: Sequence[Sink], excitation: Excitation
+) -> tuple[Structure, Excitation]:
     hosted = [
         (sink, f"point {sink.host}", "change the modes of the host")
         for sink in sinks
@@ -219,7 +216,7 @@ def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation)
     release = {f"x:{name}": x[name] for name in joined if x[name]}
     release |= {f"v:{name}": momentum / joined[name] for name, momentum in momenta.items() if momentum}
     forces = _combined_forces(excitation.forces, root)
-    return WithoutSinks(left, Excitation(release, impulses, forces, excitation.base))
+    return left, Excitation(release, impulses, forces, excitation.base)
 
 
 def _root(name: str, host: Mapping[str, str]) -> str:
@@ -287,15 +284,11 @@ _MOST_SAMPLES = 2_000_000  # by default
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A `structure` with harvesters, its `sinks`, the `baseline` without them, and the `options` of the comparison.
-
-    `times` (N,) s are those of the output.
-    """
+    """A `structure` with harvesters, its `sinks`, the run without them as `baseline`, and the `options` of the comparison."""
 
     structure: Structure
     sinks: tuple[Sink, ...]
-    baseline: WithoutSinks
-    times: Floats
+    baseline: RunSchedule
     options: AbsorptionOptions
 
     @classmethod
@@ -311,12 +304,17 @@ class Comparison:
         if excitation.is_empty:
             remedy = "give a release, an impulse, a force or a motion of the base"
             raise SimulationError(f"nothing sets the structure in motion; {remedy}")
-        baseline = without_sinks(equipped, sinks, excitation, options.without)
-        duration = _default_duration(baseline.structure) if options.duration is None else options.duration
+        left, remaining = without_sinks(equipped, sinks, excitation, options.without)
+        duration = _default_duration(left) if options.duration is None else options.duration
         rate = _default_rate(structure, duration) if options.rate is None else options.rate
         times = output_times(duration, rate)
         check_excitation(equipped, excitation, float(times[-1]))
-        return cls(equipped, sinks, baseline, times, options)
+        return cls(equipped, sinks, RunSchedule(left, remaining, times), options)
+
+    @property
+    def times(self) -> Floats:
+        """Those of the output in s, (N,)."""
+        return self.baseline.times
 
     @cached_property
     def powers(self) -> Mapping[str, Expression]:
@@ -327,11 +325,6 @@ class Comparison:
     def schedule(self) -> RunSchedule:
         """The run with sinks."""
         return RunSchedule(self.structure, self.options.excitation, self.times)
-
-    @property
-    def baseline_schedule(self) -> RunSchedule:
-        """The run without sinks."""
-        return RunSchedule(self.baseline.structure, self.baseline.excitation, self.times)
 
     @cached_property
     def primaries(self) -> tuple[str, ...]:
@@ -345,6 +338,11 @@ class Comparison:
         names = {sink.link for sink in self.sinks} | {f"{sink.link}{SUFFIX}" for sink in self.sinks}
         links = self.structure.links
         return tuple(link.name for link in links if link.name in names or carried & set(link.between))
+
+    @cached_property
+    def dissipators(self) -> dict[str, list[int]]:
+        """What dissipates, by name, with the numbers of its links."""
+        return dissipators(self.structure)
 
     @property
     def resting_structure(self) -> Structure:
@@ -444,94 +442,71 @@ def absorb(
     ('m1', 109)
     """
     expect("absorb(structure): structure", structure, Structure)
-    return compare(Comparison.of(structure, options_given(AbsorptionOptions.of, options, keywords)), progress)
+    comparison = Comparison.of(structure, options_given(AbsorptionOptions.of, options, keywords))
+    return compare(comparison, progress)
 
 
 def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
     """Make both runs of a comparison."""
     progress(ProgressReport(0.0, "with sinks"))
-    potentials = Potentials.of([comparison.structure])
-    with_sinks, vibration, runs = _run(comparison, comparison.schedule, potentials, comparison.powers)
+    with_sinks = _run(comparison, comparison.schedule, comparison.powers)
     progress(ProgressReport(0.5, "without sinks"))
-    of_rest = Potentials.of([comparison.baseline.structure])
-    without, baseline, _ = _run(comparison, comparison.baseline_schedule, of_rest, {})
-    level = comparison.options.settle * baseline.decay.peak
-    if not np.any(baseline.runs.v):
+    without = _run(comparison, comparison.baseline, {})
+    level = comparison.options.settle * without.decay.peak
+    if not np.any(without.v):
         raise SimulationError(
             f"with the sinks {comparison.options.without} nothing moves, so there is nothing to compare "
             "with: the structure starts at rest in equilibrium; give a release, an impulse, a force or a motion of the base "
             "that moves a primary mass"
         )
     decays = zip(
-        comparison.primaries,
-        level[:, 0].tolist(),
-        _decays(vibration, level),
-        _decays(baseline, level),
-        strict=True,
+        comparison.primaries, level.tolist(), _decays(with_sinks, level), _decays(without, level), strict=True
     )
     return Absorption(
         removal=comparison.options.without,
         settle=comparison.options.settle,
         time=comparison.times,
         masses=tuple(MassChange(*of_mass) for of_mass in decays),
-        sinks=_sink_results(comparison, with_sinks, runs.crossings[0], potentials.tops(0)),
-        harvests=_harvests(comparison, with_sinks, runs),
+        sinks=_sink_results(comparison, with_sinks),
+        harvests=_harvests(comparison, with_sinks),
         absorbing=comparison.absorbing,
         with_sinks=with_sinks,
         without=without,
     )
 
 
-def _run(
-    comparison: Comparison, schedule: RunSchedule, potentials: Potentials, powers: Mapping[str, Expression]
-) -> tuple[AbsorptionRun, Vibration, Runs]:
-    """One of the two runs, the vibration of its primary masses, and the run with its crossings and what harvesters took."""
+def _run(comparison: Comparison, schedule: RunSchedule, powers: Mapping[str, Expression]) -> AbsorptionRun:
+    """One of the two runs."""
     motion = SimulatedMotion.of(schedule)
-    runs = single_run(motion, potentials.tops(0), powers)
-    positions = rest_positions([comparison.resting_structure], comparison.primaries)
-    vibration = Vibration(runs, [schedule.structure], comparison.primaries, positions)
-    x_base = schedule.excitation.base_at(schedule.times)
-    run = AbsorptionRun(
-        structure=schedule.structure,
-        x=motion.displacement,
-        v=motion.velocity,
-        envelope=vibration.decay.envelope[..., 0],
-        supplied=runs.supplied[:, 0] - potentials.floor[0],
-        stored=(potentials.kinetic(runs.v) + potentials.stored(runs.x, x_base))[:, 0],
-        dissipated=runs.dissipated[..., 0],
-        horizon=motion.horizon,
-    )
-    return run, vibration, runs
+    positions = rest_positions(comparison.resting_structure, comparison.primaries)
+    return replace(single_run(motion, comparison.primaries, positions, powers), horizon=motion.horizon)
 
 
-def _decays(vibration: Vibration, level: Floats) -> list[MassDecay]:
-    """The decay of each primary mass; `level` (P, 1) m."""
-    of_run = vibration.decay.of_run(0)
-    settled, rates = (map(finite, column(level[:, 0])) for column in (of_run.settled, of_run.rate))
-    sizes = (vibration.rest[:, 0].tolist(), of_run.peak.tolist(), vibration.rms[:, 0].tolist())
+def _decays(run: AbsorptionRun, level: Floats) -> list[MassDecay]:
+    """The decay of each primary mass; `level` (P,) m."""
+    decay = run.decay
+    settled, rates = (map(finite, column(level)) for column in (decay.settled, decay.rate))
+    sizes = (run.rest.tolist(), decay.peak.tolist(), decay.rms.tolist())
     return [MassDecay(*row) for row in zip(*sizes, settled, rates, strict=True)]
 
 
-def _sink_results(
-    comparison: Comparison, run: AbsorptionRun, crossed: tuple[Floats, ...], tops: list[Floats]
-) -> tuple[SinkResult, ...]:
+def _sink_results(comparison: Comparison, run: AbsorptionRun) -> tuple[SinkResult, ...]:
     names = [link.name for link in run.structure.links]
     horizon = np.inf if run.horizon is None else run.horizon
-    d = run.structure.elongations(run.x, comparison.options.excitation.base_at(comparison.times))
     results = []
     for sink in comparison.sinks:
         number = names.index(sink.link)
-        crossings, before = crossed[number], int(np.sum(crossed[number] < horizon))
-        own_tops, share = tuple(tops[number].tolist()), run.share(sink.link)
-        results.append(SinkResult(sink, own_tops, share, d[:, number], crossings, before))
+        tops, crossings = barriers(run.structure.links[number]).tops, run.crossings[number]
+        before, share = int(np.sum(crossings < horizon)), run.share(sink.link)
+        results.append(SinkResult(sink, tuple(tops.tolist()), share, run.d[:, number], crossings, before))
     return tuple(results)
 
 
-def _harvests(comparison: Comparison, run: AbsorptionRun, runs: Runs) -> tuple[Harvest, ...]:
+def _harvests(comparison: Comparison, run: AbsorptionRun) -> tuple[Harvest, ...]:
     harvests, duration = [], float(comparison.times[-1])
     for link, given in (comparison.options.harvesters or {}).items():
         if isinstance(given, str):
-            energy = float(runs.delivered[link][0])
+            energy = run.delivered[link]
             harvest = Harvest(link, None, energy, energy / duration, energy / run.total, given)
         else:
             share = run.share(f"{link}{SUFFIX}")

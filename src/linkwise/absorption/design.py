@@ -600,7 +600,8 @@ def _problem(structure: Structure, asked: _Question) -> tuple[_Problem, Comparis
     for factor in options.levels:
         scaled = replace(fixed, excitation=_scaled(fixed.excitation, float(factor)))
         at_level = comparison if factor == 1.0 else comparison_at(structure, middle, scaled)
-        levels.append(variants(equipped, replace(at_level, times=comparison.times), varied))
+        baseline = replace(at_level.baseline, times=comparison.times)
+        levels.append(variants(equipped, replace(at_level, baseline=baseline), varied))
     # errors of a bound come before the work
     ends = ({axis.name: getattr(axis, end) for axis in axes} for end in ("low", "high"))
     lightest, heaviest = (_added_mass(levels[0](values)) for values in ends)

@@ -6,31 +6,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.absorption.absorb import Comparison, without_sinks
 from linkwise.absorption.motion import (
+    AbsorptionRun,
     Decay,
-    Potentials,
-    Vibration,
-    batch_runs,
     comparable,
-    elongations,
     reduction,
     rest_positions,
-    root_sum_square,
+    runs_of,
+    stored_energy,
 )
-from linkwise.absorption.sinks import SUFFIX, dissipators, mean_host_energies
+from linkwise.absorption.sinks import SUFFIX
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
-from linkwise.expression import Expression
 from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.simulation.batch import LANES
@@ -88,10 +85,9 @@ class AbsorptionQuantity:
         return not self.unit and not self.name.startswith("crossings")
 
 
-@dataclass(frozen=True, eq=False)
-class BaselineQuantities:
-    """The vibration of the P primary masses without sinks in R runs: `peak`, `rms`, `level` m and `settled` s, (P, R), and the
-    mean `energy` (H, R) J in H hosts.
+class BaselineQuantities(NamedTuple):
+    """The vibration of the P primary masses without sinks: `peak`, `rms`, `level` m and `settled` s, (P,), and the mean
+    `energy` (H,) J in H hosts; NaN of a run that did not come to its end.
     """
 
     peak: Floats
@@ -100,9 +96,18 @@ class BaselineQuantities:
     settled: Floats
     energy: Floats
 
-    def of_runs(self, runs: Indices) -> BaselineQuantities:
-        """Some of the runs, in any order and number."""
-        return BaselineQuantities(*(values[:, runs] for values in vars(self).values()))
+    @classmethod
+    def of(cls, run: AbsorptionRun, settle: float) -> BaselineQuantities:
+        """Those of a run; a mass has settled below a part of its peak."""
+        decay, level = run.decay, settle * run.decay.peak
+        energies = [run.host_energy(host.name).mean() for host in run.structure.hosts]
+        return cls(decay.peak, decay.rms, level, decay.settled(level), np.array(energies))
+
+
+def _no_quantities(comparison: Comparison) -> BaselineQuantities:
+    unknown = np.full(len(comparison.primaries), np.nan)
+    energies = np.full(len(comparison.structure.hosts), np.nan)
+    return BaselineQuantities(unknown, unknown, unknown, unknown, energies)
 
 
 def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
@@ -126,7 +131,7 @@ def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
         rows.append((f"peak_reduction:{name}", "", f"peak reduction of {name}", False))
     for name in (host.name for host in structure.hosts):
         rows.append((f"energy_reduction:{name}", "", f"reduction of the mean energy in {name}", False))
-    for name in dissipators(structure):
+    for name in comparison.dissipators:
         others = name not in comparison.absorbing
         rows.append((f"share:{name}", "", f"energy dissipated by {name}", others))
     rows += [(f"crossings:{link}", "", f"well crossings of {link}", False) for link in links]
@@ -142,54 +147,49 @@ def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
 
 
 def quantity_values(
-    comparison: Comparison, vibration: Vibration, potentials: Potentials, baseline: BaselineQuantities
-) -> dict[str, Floats]:
-    """The values (W,) of every quantity in W runs, by name."""
-    runs = vibration.runs
-    settled = vibration.decay.settled(baseline.level)
-    x_base = comparison.options.excitation.base_at(runs.time[-1:])
-    remaining = (potentials.kinetic(runs.v[-1:]) + potentials.stored(runs.x[-1:], x_base))[0]
-    supplied = runs.supplied - potentials.floor
-    total, dissipated = supplied[-1], runs.dissipated[-1]
-    names = [link.name for link in comparison.structure.links]
-    by = dissipators(comparison.structure)
-    shares = {name: dissipated[numbers].sum(axis=0) / total for name, numbers in by.items()}
-    counts = np.array([[float(len(of_link)) for of_link in run] for run in runs.crossings])
-    crossings = {sink.link: counts[:, names.index(sink.link)] for sink in comparison.sinks}
-    units = [unit_in(comparison.structure, f"x:{name}") for name in comparison.primaries]
+    comparison: Comparison, run: AbsorptionRun, baseline: BaselineQuantities
+) -> dict[str, float]:
+    """The value of every quantity in a run with sinks, by name."""
+    decay, schedule, structure = run.decay, run.schedule, run.structure
+    settled, total, dissipated = decay.settled(baseline.level), run.total, run.dissipated[-1]
+    remaining = float(stored_energy(structure, run.d[-1:], run.v[-1:])[0])
+    names = [link.name for link in structure.links]
+    shares = {name: dissipated[numbers].sum() / total for name, numbers in comparison.dissipators.items()}
+    links = [names.index(sink.link) for sink in comparison.sinks]
+    crossings = {names[link]: float(len(run.crossings[link])) for link in links}
+    units = [unit_in(structure, f"x:{name}") for name in comparison.primaries]
     of_rms, of_peak = (comparable(sizes, units) for sizes in (baseline.rms, baseline.peak))
-    joint_rms = [root_sum_square(of_rms * one.rms) for one in (vibration, baseline)]
-    joint_peaks = [(of_peak * peak).max(axis=0) for peak in (vibration.decay.peak, baseline.peak)]
-    values = {
-        "settled": settled.max(axis=0),
-        "settled_without": baseline.settled.max(axis=0),
+    joint_rms = (float(np.linalg.norm(of_rms * rms)) for rms in (decay.rms, baseline.rms))
+    joint_peaks = (float((of_peak * peak).max()) for peak in (decay.peak, baseline.peak))
+    values: dict[str, Any] = {
+        "settled": settled.max(),
+        "settled_without": baseline.settled.max(),
         "rms_reduction": reduction(*joint_rms),
         "peak_reduction": reduction(*joint_peaks),
-        "sinks_share": np.sum([shares[name] for name in comparison.absorbing], axis=0),
-        "crossings": np.sum(list(crossings.values()), axis=0),
+        "sinks_share": sum(shares[name] for name in comparison.absorbing),
+        "crossings": sum(crossings.values()),
         "remaining": remaining / total,
-        "closure": np.abs(total - remaining - dissipated.sum(axis=0)) / np.abs(supplied).max(axis=0),
+        "closure": abs(total - remaining - dissipated.sum()) / np.abs(run.supplied).max(),
+        "peak": decay.peak.max(),
+        "rms": np.linalg.norm(decay.rms),
     }
-    rms, peaks = reduction(vibration.rms, baseline.rms), reduction(vibration.decay.peak, baseline.peak)
+    rms, peaks = reduction(decay.rms, baseline.rms), reduction(decay.peak, baseline.peak)
     for row, name in enumerate(comparison.primaries):
         values[f"settled:{name}"] = settled[row]
         values[f"rms_reduction:{name}"] = rms[row]
         values[f"peak_reduction:{name}"] = peaks[row]
-    energies = mean_host_energies(vibration.structures, runs.x, runs.v)
-    for host, energy, without in zip(comparison.structure.hosts, energies, baseline.energy, strict=True):
-        values[f"energy_reduction:{host.name}"] = reduction(energy, without)
+    for host, without in zip(structure.hosts, baseline.energy, strict=True):
+        values[f"energy_reduction:{host.name}"] = reduction(run.host_energy(host.name).mean(), without)
     values |= {f"share:{name}": share for name, share in shares.items()}
     values |= {f"crossings:{name}": count for name, count in crossings.items()}
-    values |= {"peak": vibration.decay.peak.max(axis=0), "rms": root_sum_square(vibration.rms)}
-    base, structures = comparison.options.excitation.base, vibration.structures
-    x, v = (None, None) if base is None else (base.value(runs.time), base.derivative(runs.time))
-    links = [names.index(sink.link) for sink in comparison.sinks]
-    d, rate = elongations(structures, runs.x, x)[..., links], elongations(structures, runs.v, v)[..., links]
-    strokes = zip(comparison.sinks, Decay(runs.time, d, rate).peak.T, strict=True)
+    base = schedule.excitation.base
+    rates = structure.elongations(run.v, None if base is None else base.derivative(schedule.times))
+    decays = Decay(schedule.times, run.d[:, links], rates[:, links])
+    strokes = zip(comparison.sinks, decays.peak, strict=True)
     values |= {f"stroke:{sink.link}": peak for sink, peak in strokes}
     for link, given in (comparison.options.harvesters or {}).items():
-        energy = runs.delivered[link] if isinstance(given, str) else shares[f"{link}{SUFFIX}"] * total
-        values[f"power:{link}"] = energy / runs.time[-1]
+        energy = run.delivered[link] if isinstance(given, str) else shares[f"{link}{SUFFIX}"] * total
+        values[f"power:{link}"] = energy / schedule.end
     return values
 
 
@@ -209,7 +209,8 @@ def variants(
         varied = structure.with_values(numbers) if numbers else comparison.structure
         baseline = comparison.baseline
         if changes:
-            baseline = without_sinks(varied, comparison.sinks, drive, own.without)
+            left = without_sinks(varied, comparison.sinks, drive, own.without)
+            baseline = RunSchedule(*left, comparison.times)
         return replace(
             comparison, structure=varied, baseline=baseline, options=replace(own, excitation=drive)
         )
@@ -237,7 +238,7 @@ T = TypeVar("T")
 class Ensemble:
     """The `values` (R, Q) of `quantities` in R structures; NaN for a mass that does not settle and a run that diverges.
 
-    `completed` (R,) are the runs that came to their end; `envelopes` (N, P, R) m of the primary masses with sinks are kept on
+    `completed` (R,) are the runs that came to their end; `envelopes` (R, N, P) m of the primary masses with sinks are kept on
     request, in single precision to save memory.
     """
 
@@ -251,94 +252,73 @@ class Ensemble:
         return self.values[:, [quantity.name for quantity in self.quantities].index(name)]
 
 
-Collect = Callable[[Vibration, Potentials, Indices], None]
-"""Takes what completed runs did, with their numbers."""
-
-
-@dataclass(frozen=True)
-class _Runner:
-    """How runs are made: on `workers` threads, in batches or `one_by_one`, with reports on `activity`; and their masses."""
-
-    primaries: Sequence[str]
-    workers: int
-    one_by_one: bool
-    progress: Progress
-    activity: str
-    powers: Mapping[str, Expression] = field(default_factory=dict)
-
-    def run(self, schedules: Sequence[RunSchedule], positions: Sequence[Floats], collect: Collect) -> Bools:
-        """Run all schedules, whose masses rest at `positions`, and return which were completed."""
-        completed, numbers = np.zeros(len(schedules), dtype=bool), np.arange(len(schedules))
-        potentials = Potentials.of([schedule.structure for schedule in schedules])
-
-        def task(group: Indices) -> int:
-            batch = [schedules[run] for run in group]
-            own = potentials.of_runs(group)
-            runs, ended = batch_runs(batch, own, self.powers, one_by_one=self.one_by_one)
-            completed[group] = ended
-            if runs is not None:
-                kept = group[ended]
-                structures = [schedules[run].structure for run in kept]
-                rests = [positions[run] for run in kept]
-                collect(Vibration(runs, structures, self.primaries, rests), potentials.of_runs(kept), kept)
-            return len(group)
-
-        done = 0
-        groups = [numbers[first : first + LANES] for first in range(0, len(schedules), LANES)]
-        pool = ThreadPoolExecutor(min(self.workers, len(groups)))
-        try:
-            for future in as_completed([pool.submit(task, group) for group in groups]):
-                done += future.result()
-                self.progress(ProgressReport(done / len(schedules), self.activity))
-        finally:  # an interrupt waits for the batches under way and starts no others
-            pool.shutdown(wait=True, cancel_futures=True)
-        return completed
+def _in_batches(
+    count: int, task: Callable[[range], object], workers: int, report: Callable[[float], object]
+) -> None:
+    """Do a task for so many runs, `LANES` at a time on `workers` threads."""
+    groups = [range(count)[first : first + LANES] for first in range(0, count, LANES)]
+    pool = ThreadPoolExecutor(min(workers, len(groups)))
+    try:
+        for done, future in enumerate(as_completed([pool.submit(task, group) for group in groups]), start=1):
+            future.result()
+            report(done / len(groups))
+    finally:  # an interrupt waits for the batches under way and starts no others
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def run_ensemble(
     comparisons: Sequence[Comparison],
     *,
     envelopes: bool = False,
-    one_by_one: bool = False,
     workers: int | None = None,
     progress: Progress = silent,
 ) -> Ensemble:
     """Make comparisons of structures of one shape on `workers` threads (default: one for each processor).
 
-    Comparisons may share one object for the structure without sinks, which is then run once. With `one_by_one` each run has
-    the precision of `absorb`, so that a chaotic motion is the same.
+    Comparisons may share one object for the structure without sinks, which is then run once.
     """
     if workers is not None and workers < 1:
         raise SimulationError(f"workers must be at least 1, got {workers}")
-    first, workers = comparisons[0], workers or processors()
+    first, workers, primaries = comparisons[0], workers or processors(), comparisons[0].primaries
     baselines, baseline_of = _distinct([comparison.baseline for comparison in comparisons])
     owners = [int(np.argmax(baseline_of == number)) for number in range(len(baselines))]
     structures, structure_of = _distinct([comparison.resting_structure for comparison in comparisons])
-    distinct_positions = rest_positions(structures, first.primaries)
+    distinct_positions = [rest_positions(structure, primaries) for structure in structures]
     positions = [distinct_positions[number] for number in structure_of]
-    share = len(baselines) / (len(baselines) + len(comparisons))
-    quantities = quantities_of(first)
+    quantities, without = quantities_of(first), [_no_quantities(first)] * len(baselines)
     values = np.full((len(comparisons), len(quantities)), np.nan)
-    shape = len(first.times), len(first.primaries), len(comparisons)
+    completed = np.zeros(len(comparisons), dtype=bool)
+    shape = len(comparisons), len(first.times), len(primaries)
     all_envelopes = np.full(shape, np.nan, np.float32) if envelopes else None
 
-    def collect(vibration: Vibration, potentials: Potentials, numbers: Indices) -> None:
-        without = baseline.of_runs(baseline_of[numbers])
-        by_name = quantity_values(first, vibration, potentials, without)
-        values[numbers] = np.stack([by_name[quantity.name] for quantity in quantities], axis=1)
-        if all_envelopes is not None:
-            all_envelopes[:, :, numbers] = vibration.decay.envelope
+    def run_without(numbers: range) -> None:
+        schedules = [comparisons[owners[number]].baseline for number in numbers]
+        rests = [positions[owners[number]] for number in numbers]
+        for number, run in zip(numbers, runs_of(schedules, primaries, rests, {}), strict=True):
+            if run is not None:
+                without[number] = BaselineQuantities.of(run, first.options.settle)
 
-    with one_blas_thread():
-        baseline = _baseline(
-            [comparisons[run] for run in owners],
-            [positions[run] for run in owners],
-            _Runner(first.primaries, workers, one_by_one, part(progress, 0.0, share), "without sinks"),
+    def run_with(numbers: range) -> None:
+        schedules, rests = (
+            [comparisons[number].schedule for number in numbers],
+            [positions[n] for n in numbers],
         )
-        activity = f"{len(comparisons)} runs with sinks"
-        rest = part(progress, share, 1.0)
-        runner = _Runner(first.primaries, workers, one_by_one, rest, activity, first.powers)
-        completed = runner.run([comparison.schedule for comparison in comparisons], positions, collect)
+        for number, run in zip(numbers, runs_of(schedules, primaries, rests, first.powers), strict=True):
+            if run is not None:
+                by_name = quantity_values(first, run, without[baseline_of[number]])
+                values[number] = [by_name[quantity.name] for quantity in quantities]
+                completed[number] = True
+                if all_envelopes is not None:
+                    all_envelopes[number] = run.envelope
+
+    def report(activity: str, first: float, last: float) -> Callable[[float], object]:
+        return lambda done: progress(ProgressReport(first + (last - first) * done, activity))
+
+    share = len(baselines) / (len(baselines) + len(comparisons))
+    activity = f"{len(comparisons)} runs with sinks"
+    with one_blas_thread():
+        _in_batches(len(baselines), run_without, workers, report("without sinks", 0.0, share))
+        _in_batches(len(comparisons), run_with, workers, report(activity, share, 1.0))
     return Ensemble(quantities, values, completed, all_envelopes)
 
 
@@ -347,23 +327,3 @@ def _distinct(objects: Sequence[T]) -> tuple[list[T], Indices]:
     distinct = {id(member): member for member in objects}
     number = {key: place for place, key in enumerate(distinct)}
     return list(distinct.values()), np.array([number[id(member)] for member in objects], dtype=np.intp)
-
-
-def _baseline(
-    comparisons: Sequence[Comparison], positions: Sequence[Floats], runner: _Runner
-) -> BaselineQuantities:
-    """The vibration without sinks."""
-    schedules = [comparison.baseline_schedule for comparison in comparisons]
-    first, count = comparisons[0], len(comparisons)
-    values = np.full((4, len(first.primaries), count), np.nan)
-    energy = np.full((len(first.structure.hosts), count), np.nan)
-
-    def collect(vibration: Vibration, potentials: Potentials, numbers: Indices) -> None:
-        runs = vibration.runs
-        level = first.options.settle * vibration.decay.peak
-        values[:, :, numbers] = [vibration.decay.peak, vibration.rms, level, vibration.decay.settled(level)]
-        energy[:, numbers] = mean_host_energies(vibration.structures, runs.x, runs.v)
-
-    runner.run(schedules, positions, collect)
-    peak, rms, level, settled = values
-    return BaselineQuantities(peak, rms, level, settled, energy)

@@ -8,7 +8,13 @@ from typing import Any, Unpack
 import numpy as np
 
 from linkwise.absorption.absorb import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
-from linkwise.absorption.ensemble import AbsorptionQuantity, run_ensemble, variants
+from linkwise.absorption.ensemble import (
+    AbsorptionQuantity,
+    BaselineQuantities,
+    quantity_values,
+    run_ensemble,
+    variants,
+)
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
 from linkwise.absorption.sinks import with_harvesters
 from linkwise.arrays import Floats, finite
@@ -227,12 +233,13 @@ def absorption_intervals(
         raise LinkwiseError(message, arguments=("draws",))
     comparison = Comparison.of(posterior.structure, options_given(AbsorptionOptions.of, options, keywords))
     absorption = compare(comparison, part(progress, 0.0, 0.1))
+    without = BaselineQuantities.of(absorption.without, comparison.options.settle)
+    by_name = quantity_values(comparison, absorption.with_sinks, without)
     equipped = with_harvesters(posterior.structure, comparison.options.harvesters or {})
     at = variants(equipped, comparison, posterior.names)
     drawn = [
         at(dict(zip(posterior.names, row, strict=True))) for row in posterior.draws(draws, seed).tolist()
     ]
-    identified_values = run_ensemble([comparison], one_by_one=True).values[0]
     ensemble = run_ensemble(drawn, envelopes=True, workers=workers, progress=part(progress, 0.1, 1.0))
     completed = ensemble.completed
     if np.mean(completed) < _LEAST_COMPLETED:
@@ -242,8 +249,9 @@ def absorption_intervals(
         )
     assert ensemble.envelopes is not None
     shares = [100.0 * _TAIL, 100.0 * (1.0 - _TAIL)]
-    lower, upper = np.percentile(ensemble.envelopes[..., completed], shares, axis=2).astype(float)
-    columns = zip(ensemble.quantities, identified_values, ensemble.values[completed].T, strict=True)
+    lower, upper = np.percentile(ensemble.envelopes[completed], shares, axis=0).astype(float)
+    values = (float(by_name[quantity.name]) for quantity in ensemble.quantities)
+    columns = zip(ensemble.quantities, values, ensemble.values[completed].T, strict=True)
     return AbsorptionIntervals(
         absorption=absorption,
         draws=draws,
@@ -259,10 +267,9 @@ def absorption_intervals(
 
 def _interval(quantity: AbsorptionQuantity, value: float, drawn: Floats) -> QuantityInterval:
     """The quantiles of the draws; a missing value, of what never happens, is larger than all others."""
-    missing = int(np.sum(np.isnan(drawn)))
-    ranked = np.sort(np.where(np.isnan(drawn), np.inf, drawn))
-    last = len(ranked) - 1
-    lower, upper = ranked[[int(np.floor(_TAIL * last)), int(np.ceil((1.0 - _TAIL) * last))]]
+    missing, ranked = int(np.sum(np.isnan(drawn))), np.where(np.isnan(drawn), np.inf, drawn)
+    lower = np.quantile(ranked, _TAIL, method="lower")
+    upper = np.quantile(ranked, 1.0 - _TAIL, method="higher")
     return QuantityInterval(quantity, finite(value), finite(lower), finite(upper), missing)
 
 

@@ -1,4 +1,4 @@
-"""What links and masses of many structures of one shape do along a run: wells of links, energies, barriers, crossings and rest
+"""What links and masses of a structure do along a run: wells of links, energies, barriers, crossings and rest
 positions, and the vibration of the primary masses about these, its largest excursion still to come, settling and decay.
 
 A crossing is a passage over the top of the barrier between two wells. Elongation and rate are known at the integrator's
@@ -13,24 +13,27 @@ of the motion, not of the samples. Time is on axis 0 of all arrays; runs or mass
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-from linkwise.absorption.sinks import delivered_energy, have_equal_shapes, moving_alike, place_motion
-from linkwise.analysis.potential_wells import rest_points
+from linkwise.absorption.sinks import delivered_energy, dissipators, host_energy, place_motion
+from linkwise.analysis.potential_wells import link_rest_points
 from linkwise.analysis.rest_positions import equilibria
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Floats, Indices
 from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Expression, Number, Program, polynomial
+from linkwise.model.coefficient import index_of
 from linkwise.model.law import Law
+from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.simulation.batch import can_batch, run_batch
-from linkwise.simulation.energy import LinkForces
+from linkwise.simulation.energy import LinkForces, kinetic_energy
 from linkwise.simulation.run import RunLog, RunOptions, RunSchedule, integrate, room
 from linkwise.simulation.simulate import SimulatedMotion
 
@@ -39,71 +42,56 @@ _REAL = 1e-7  # of the largest root: a smaller imaginary part is the rounding er
 
 
 class Barriers(NamedTuple):
-    """The barriers of one link for R sets of coefficients.
-
-    `tops` (R, K) m are the elongations, each between two wells, at which the potential is largest; NaN if there are fewer than
-    K. `floor` (R,) J is the potential in the lowest well relative to d = 0; 0 if there is no well.
+    """The barriers of a link: `tops` (K,) m are the elongations, each between two wells, at which the potential is largest,
+    and `floor` J is the potential in the lowest well relative to d = 0; 0 if there is no well.
     """
 
     tops: Floats
-    floor: Floats
+    floor: float
 
 
-def barriers(law: Law, values: Mapping[str, Floats], runs: int) -> Barriers:
-    """The barriers of a law for `runs` (R) sets of coefficients, each of `values` (R,).
+def barriers(link: Link) -> Barriers:
+    """The barriers of a link.
 
     A law with too many rest points to count, such as a periodic one, has no barriers here, and its energy is counted from
     d = 0.
     """
-    columns = [np.asarray(values[name], dtype=float) for name in law.coefficients]
-    table = np.stack(columns, axis=1) if columns else np.zeros((runs, 0))
-    rows, inverse = np.unique(table, axis=0, return_inverse=True)
-    pairs = zip(rows.tolist(), _rest_points(law, rows), strict=True)
-    found = [
-        _between_wells(law, dict(zip(law.coefficients, row, strict=True)), points) for row, points in pairs
-    ]
-    tops = np.full((len(rows), max((len(own) for own, _ in found), default=0)), np.nan)
-    for number, (own, _) in enumerate(found):
-        tops[number, : len(own)] = own
-    inverse = inverse.reshape(-1)
-    return Barriers(tops[inverse], np.array([floor for _, floor in found])[inverse])
+    return _of_numbers(link.law, tuple(link.values.values()))
 
 
-def _between_wells(
-    law: Law, values: Mapping[str, float], points: Sequence[tuple[float, bool]]
-) -> tuple[list[float], float]:
-    """The highest rest point between each two wells, and the energy of the lowest well; no point and 0 without wells."""
+@lru_cache(maxsize=4096)
+def _of_numbers(law: Law, values: tuple[float, ...]) -> Barriers:
+    """The barriers of links with a law and these values of its coefficients."""
+    link = Link("link", ("first", "second"), law, dict(zip(law.coefficients, values, strict=True)))
+    points = _rest_points(link)
     places = [d for d, _ in points]
-    energy = np.broadcast_to(law.potential(np.array(places), values), len(points))
+    energy = link.potential(np.array(places))
     wells = [number for number, (_, well) in enumerate(points) if well]
     between = [range(first + 1, last) for first, last in pairwise(wells) if last > first + 1]
     tops = [places[max(hills, key=energy.__getitem__)] for hills in between]
-    return tops, min(energy[wells].tolist(), default=0.0)
+    return Barriers(np.array(tops), min(energy[wells].tolist(), default=0.0))
 
 
-def _rest_points(law: Law, rows: Floats) -> list[list[tuple[float, bool]]]:
-    """The rest points in m of each set of coefficients (R, C), ascending, and whether they are wells."""
+def _rest_points(link: Link) -> list[tuple[float, bool]]:
+    """The rest points of a link in m, ascending, and whether they are wells."""
+    powers = _elastic_powers(link.law)
+    if powers is not None:
+        return _of_polynomial(np.array(powers(*link.values.values())))
+    with suppress(StructureError):
+        return [(point.d, point.well) for point in link_rest_points(link)]
+    return []
+
+
+@lru_cache(maxsize=256)
+def _elastic_powers(law: Law) -> Program | None:
+    """What gives the factors of the powers of d in the elastic force from the coefficients, the highest first; None for a law
+    that is no polynomial, or one of too high an order.
+    """
     terms = polynomial(law.elastic, ("d",))
-    order = max((power for (power,) in terms), default=_HIGHEST_ORDER + 1) if terms else _HIGHEST_ORDER + 1
+    order = max((power for (power,) in terms), default=0) if terms else 0
     if not terms or order > _HIGHEST_ORDER:
-        return [_of_any_law(law, dict(zip(law.coefficients, row.tolist(), strict=True))) for row in rows]
-    program = Program([terms.get((k,), Number(0.0)) for k in range(order, -1, -1)], law.coefficients)
-    return [_of_polynomial(np.array(program(*row))) for row in rows]
-
-
-def _of_any_law(law: Law, values: Mapping[str, float]) -> list[tuple[float, bool]]:
-    still = dict.fromkeys(law.states, 0.0)
-
-    def force(d: Floats) -> Floats:
-        return np.broadcast_to(law.force(d, 0.0, {**values, **still}), np.shape(d))
-
-    def slope(d: Floats) -> Floats:
-        return np.broadcast_to(law.partials(d, 0.0, {**values, **still}).by_d, np.shape(d))
-
-    try:
-        return [(point.d, point.well) for point in rest_points(force, slope)]
-    except StructureError:
-        return []
+        return None
+    return Program([terms.get((k,), Number(0.0)) for k in range(order, -1, -1)], law.coefficients)
 
 
 def _of_polynomial(coefficients: Floats) -> list[tuple[float, bool]]:
@@ -196,190 +184,33 @@ def _roots_of_cubics(
     return links.astype(np.intp), levels, roots
 
 
-@dataclass(frozen=True, eq=False)
-class Potentials:
-    """The potentials of L links in W `structures` of one shape.
-
-    `values` (W,) of each coefficient by link, `masses` (n, W) kg, and the `barriers` of each link, (W, K) m and (W,) J.
-    """
-
-    structures: tuple[Structure, ...]
-    values: tuple[dict[str, Floats], ...]
-    masses: Floats
-    barriers: tuple[Barriers, ...]
-
-    @classmethod
-    def of(cls, structures: Sequence[Structure]) -> Potentials:
-        """The potentials of structures of one shape."""
-        first = structures[0]
-        values, of_links = [], []
-        for number, link in enumerate(first.links):
-            own = [structure.links[number].values for structure in structures]
-            values.append({name: np.array([each[name] for each in own]) for name in link.coefficients})
-            of_links.append(barriers(link.law, values[-1], len(structures)))
-        masses = np.stack([structure.mass_values for structure in structures], axis=1)
-        return cls(tuple(structures), tuple(values), masses, tuple(of_links))
-
-    @property
-    def floor(self) -> Floats:
-        """(W,) J: the potential energy with all links in their lowest wells."""
-        return np.asarray(np.sum([link.floor for link in self.barriers], axis=0))
-
-    def tops(self, run: int) -> list[Floats]:
-        """(K,) m: the tops of the barriers of each link in one structure."""
-        return [link.tops[run][np.isfinite(link.tops[run])] for link in self.barriers]
-
-    def of_runs(self, runs: Indices) -> Potentials:
-        """The potentials of some of the structures."""
-        return Potentials(
-            tuple(self.structures[run] for run in runs),
-            tuple({name: value[runs] for name, value in values.items()} for values in self.values),
-            self.masses[:, runs],
-            tuple(Barriers(link.tops[runs], link.floor[runs]) for link in self.barriers),
-        )
-
-    def stored(self, x: Floats, x_base: Floats | None) -> Floats:
-        """(N, W) J above the lowest wells at displacements `x` (N, n, W) m; `x_base` (N,) m, None if the base rests."""
-        d = elongations(self.structures, x, x_base)
-        energy = np.zeros((x.shape[0], x.shape[2]))
-        for number, (link, values) in enumerate(zip(self.structures[0].links, self.values, strict=True)):
-            energy += link.law.potential(d[..., number], values)
-        return energy - self.floor
-
-    def kinetic(self, v: Floats) -> Floats:
-        """(N, W) J at velocities `v` (N, n, W) m/s."""
-        return np.asarray(0.5 * np.einsum("tiw,iw->tw", v * v, self.masses))
+def stored_energy(structure: Structure, d: Floats, v: Floats) -> Floats:
+    """(N,) J above the lowest wells, at elongations `d` (N, L) m and velocities `v` (N, n) m/s."""
+    links = zip(structure.links, d.T, strict=True)
+    return sum(
+        (link.potential(own) - barriers(link).floor for link, own in links), kinetic_energy(structure, v)
+    )
 
 
-def elongations(structures: Sequence[Structure], x: Floats, x_base: Floats | None) -> Floats:
-    """(N, W, L) m: elongations of all links in W structures at displacements `x` (N, n, W) m; `x_base` (N,) m of the base."""
-    parts = []
-    for structure, alike in moving_alike(structures):
-        samples, size, runs = x[..., alike].shape
-        repeated = None if x_base is None else np.repeat(x_base, runs)
-        flat = structure.elongations(x[..., alike].transpose(0, 2, 1).reshape(-1, size), repeated)
-        parts.append(flat.reshape(samples, runs, -1))
-    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-
-
-def rest_positions(structures: Sequence[Structure], primaries: Sequence[str]) -> list[Floats]:
-    """Displacements (E, P) m of the masses `primaries` in the stable equilibria of each of several structures of one shape.
+def rest_positions(structure: Structure, primaries: Sequence[str]) -> Floats:
+    """Displacements (E, P) m of the masses `primaries` in the stable equilibria of a structure.
 
     Zero if all links have their only well at zero elongation; otherwise equilibria are searched. Zero, too, for a structure
     without a stable equilibrium, or with too many equilibria to count.
     """
-    potentials = Potentials.of(structures)
-    at_zero = np.ones(len(structures), dtype=bool)
-    for number, barriers in enumerate(potentials.barriers):
-        alike = [structure.links[number] for structure in structures]
-        at_zero &= (barriers.floor == 0.0) & ~np.isfinite(barriers.tops).any(axis=1)
-        at_zero &= np.array([float(link.force(0.0, states=link.zero_states)) == 0.0 for link in alike])
-    zero, pairs = np.zeros((1, len(primaries))), zip(structures, at_zero, strict=True)
-    return [zero if simple else _stable(structure, primaries) for structure, simple in pairs]
+    positions = np.zeros((1, len(primaries)))
+    if not all(map(_rests_at_zero, structure.links)):
+        with suppress(StructureError):
+            stable = np.array([point.x for point in equilibria(structure).stable])
+            positions = (
+                np.unique(place_motion(structure, stable, primaries), axis=0) if len(stable) else positions
+            )
+    return positions
 
 
-def _stable(structure: Structure, primaries: Sequence[str]) -> Floats:
-    try:
-        stable = [point.x[None, :, None] for point in equilibria(structure).stable]
-    except StructureError:
-        stable = []
-    places = [place_motion([structure], x, primaries)[0, :, 0] for x in stable]
-    return np.unique(np.array(places), axis=0) if places else np.zeros((1, len(primaries)))
-
-
-@dataclass(frozen=True, eq=False)
-class Runs:
-    """W runs at `time` (N,) s: `x` (N, n, W) m and `v` (N, n, W) m/s.
-
-    `dissipated` (N, L, W) J is the energy that each link has dissipated, `supplied` (N, W) J the energy at the start, with
-    potentials relative to d = 0, and all work done since. `crossings` holds, by run and link, the times in s at which the link
-    went from one well to another; `delivered` the energy (W,) J that harvesters given by an expression took, by link.
-    """
-
-    time: Floats
-    x: Floats
-    v: Floats
-    dissipated: Floats
-    supplied: Floats
-    crossings: tuple[tuple[Floats, ...], ...]
-    delivered: Mapping[str, Floats] = field(default_factory=dict)
-
-
-_BY_RUN = ("x", "v", "dissipated", "supplied")  # arrays of `Runs` whose last axis is that of the runs
-
-
-def _joined(runs: Sequence[Runs]) -> Runs:
-    """Several runs as one object."""
-    first = runs[0]
-    arrays = {name: np.concatenate([getattr(own, name) for own in runs], axis=-1) for name in _BY_RUN}
-    crossings = tuple(of_run for own in runs for of_run in own.crossings)
-    delivered = {link: np.concatenate([own.delivered[link] for own in runs]) for link in first.delivered}
-    return Runs(time=first.time, crossings=crossings, delivered=delivered, **arrays)
-
-
-def single_run(motion: SimulatedMotion, tops: list[Floats], powers: Mapping[str, Expression]) -> Runs:
-    """One motion in full precision and with the kinks of its laws.
-
-    `tops` (K,) m are those of the barriers of each link, `powers` those that links deliver, in W.
-    """
-    energy, schedule = motion.energy, motion.schedule
-    d = schedule.structure.elongations(motion.displacement, schedule.excitation.base_at(schedule.times))
-    times = crossings(schedule, motion.run, tops)
-    return Runs(
-        time=schedule.times,
-        x=motion.displacement[..., None],
-        v=motion.velocity[..., None],
-        dissipated=energy.dissipated[..., None],
-        supplied=energy.supplied[..., None],
-        crossings=(tuple(after_onset(times[k], schedule.times, d[:, k], tops[k]) for k in range(len(tops))),),
-        delivered={link: np.array([energy]) for link, energy in delivered_energy(motion, powers).items()},
-    )
-
-
-def batch_runs(
-    schedules: Sequence[RunSchedule],
-    potentials: Potentials,
-    powers: Mapping[str, Expression],
-    *,
-    one_by_one: bool = False,
-) -> tuple[Runs | None, Bools]:
-    """Of schedules that differ in numbers only, the runs that came to their end, None without any, and (W,) which did.
-
-    `potentials` are those of their structures, `powers` those that their links deliver, in W. The runs are made side by side
-    in double precision, or `one_by_one`, as they are if a law is not smooth or has memory, or shapes of hosts differ.
-    """
-    memory = any(link.law.states for link in schedules[0].structure.links)
-    alike = have_equal_shapes(potentials.structures)
-    if one_by_one or memory or powers or not (alike and can_batch(schedules[0])):
-        return _one_by_one(schedules, potentials, powers)
-    schedule = schedules[0]
-    batch = run_batch(schedules, [link.tops for link in potentials.barriers])
-    base_at = schedule.excitation.base_at
-    start = np.stack([schedule.start for schedule in schedules], axis=1)[None]
-    size = schedule.structure.size
-    stored = potentials.stored(start[:, :size], base_at(np.zeros(1)))
-    energy = potentials.kinetic(start[:, size:]) + stored + potentials.floor
-    d = elongations(potentials.structures, batch.x, base_at(schedule.times))
-    kept, crossed = np.flatnonzero(batch.completed), []
-    for run in kept.tolist():
-        columns = zip(batch.crossings[run], d[:, run].T, potentials.tops(run), strict=True)
-        apart = ((distinct(times, schedule.end), own, tops) for times, own, tops in columns)
-        crossed.append(tuple(after_onset(times, batch.time, own, tops) for times, own, tops in apart))
-    arrays = {"x": batch.x, "v": batch.v, "dissipated": batch.dissipated, "supplied": batch.work + energy}
-    own: dict[str, Any] = {name: array[..., kept] for name, array in arrays.items()}
-    return Runs(batch.time, **own, crossings=tuple(crossed)) if len(kept) else None, batch.completed
-
-
-def _one_by_one(
-    schedules: Sequence[RunSchedule], potentials: Potentials, powers: Mapping[str, Expression]
-) -> tuple[Runs | None, Bools]:
-    runs, completed = [], np.ones(len(schedules), dtype=bool)
-    for number, schedule in enumerate(schedules):
-        try:
-            runs.append(single_run(SimulatedMotion.of(schedule), potentials.tops(number), powers))
-        except SimulationError:
-            completed[number] = False
-    return _joined(runs) if runs else None, completed
+def _rests_at_zero(link: Link) -> bool:
+    own = barriers(link)
+    return own.floor == 0.0 and not len(own.tops) and float(link.force(0.0, states=link.zero_states)) == 0.0
 
 
 #: Indices of intervals between samples, axis by axis.
@@ -449,6 +280,11 @@ class Decay:
         total -= step**2 / 12.0 * (slope[-1] - slope[0])
         return np.asarray(total / (self.time[-1] - self.time[0]))
 
+    @property
+    def rms(self) -> Floats:
+        """(...) m: the root mean square excursion."""
+        return np.sqrt(self.mean_square)
+
     def settled(self, level: Floats) -> Floats:
         """(...) s: the time after which each excursion stays below `level` (...) m; NaN if it does not.
 
@@ -472,10 +308,6 @@ class Decay:
         late = times > self.time[-1] - TAIL * (self.time[-1] - self.time[0])
         return np.where(late | np.isnan(level), np.nan, times)
 
-    def of_run(self, run: int) -> Decay:
-        """The masses (N, masses) of one of several runs."""
-        return Decay(self.time, self.x[..., run], self.v[..., run])
-
     def rate(self, level: Floats) -> Floats:
         """(masses,) 1/s: the rate of an exponential through the peaks above `level` (masses,) m that no later peak exceeds.
 
@@ -494,32 +326,218 @@ class Decay:
 
 
 @dataclass(frozen=True, eq=False)
-class Vibration:
-    """The P primary masses and points, `places`, of W runs of `structures`, about the rest positions nearest to their ends."""
+class AbsorptionRun:
+    """One of the two runs, with N samples of n masses, P primary masses and L links.
 
-    runs: Runs
-    structures: Sequence[Structure]
-    places: Sequence[str]
-    positions: Sequence[Floats]
+    Energy is counted from the lowest wells of all links, so that supplied = stored + sum of dissipated.
+
+    Attributes
+    ----------
+    schedule : RunSchedule
+        What was run, with its structure, excitation and output times.
+    primaries : tuple of str
+        The primary masses and points.
+    positions : (E, P) ndarray
+        Displacements in m at which they may come to rest.
+    x, v : (N, n) ndarray
+        Displacements in m and velocities in m/s of all masses; of a mode its coordinate.
+    d : (N, L) ndarray
+        Elongations in m of all links.
+    dissipated : (N, L) ndarray
+        Energy in J that each link has dissipated.
+    supplied : (N,) ndarray
+        Energy in J at the start and work done on the structure since.
+    crossings : tuple of ndarray
+        For each link the times in s at which it went from one well to another.
+    delivered : mapping of str to float
+        Energy in J that harvesters given by an expression took, by link.
+    horizon : float or None
+        Time in s past which a chaotic motion cannot be predicted; None if it can throughout, or was not asked for.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> result = lw.absorb(lw.bnes_chain(2), duration=2.0, release={"v:m1": 1.0})
+    >>> run = result.with_sinks
+    >>> run.closure < 1e-9
+    True
+    >>> round(float(run.dissipated[-1].sum() / run.total + run.remaining[-1]), 9)
+    1.0
+    """
+
+    schedule: RunSchedule
+    primaries: tuple[str, ...]
+    positions: Floats
+    x: Floats
+    v: Floats
+    d: Floats
+    dissipated: Floats
+    supplied: Floats
+    crossings: tuple[Floats, ...]
+    delivered: Mapping[str, float] = field(default_factory=dict)
+    horizon: float | None = None
+
+    @property
+    def structure(self) -> Structure:
+        """The structure that was run."""
+        return self.schedule.structure
 
     @cached_property
     def rest(self) -> Floats:
-        """(P, W) m: where the masses come to rest."""
-        last = place_motion(self.structures, self.runs.x[-1:], self.places)[0]
-        ends = zip(self.positions, last.T, strict=True)
-        return np.stack([at[np.square(at - end).sum(axis=1).argmin()] for at, end in ends], axis=1)
+        """(P,) m: where the primary masses come to rest, of the `positions` the one nearest to their end."""
+        last = place_motion(self.structure, self.x[-1:], self.primaries)
+        return np.asarray(self.positions[np.square(self.positions - last).sum(axis=1).argmin()])
 
     @cached_property
     def decay(self) -> Decay:
-        """The excursions (N, P, W) from there."""
-        x = place_motion(self.structures, self.runs.x, self.places)
-        v = place_motion(self.structures, self.runs.v, self.places)
-        return Decay(self.runs.time, x - self.rest, v)
+        """The excursions (N, P) from there."""
+        x, v = (place_motion(self.structure, own, self.primaries) for own in (self.x, self.v))
+        return Decay(self.schedule.times, x - self.rest, v)
+
+    @property
+    def envelope(self) -> Floats:
+        """(N, P) m: the largest excursion of the primary masses and points from each sample on."""
+        return self.decay.envelope
 
     @cached_property
-    def rms(self) -> Floats:
-        """(P, W) m: the root mean square excursion."""
-        return np.sqrt(self.decay.mean_square)
+    def stored(self) -> Floats:
+        """(N,) J: kinetic and potential energy."""
+        return stored_energy(self.structure, self.d, self.v)
+
+    @property
+    def total(self) -> float:
+        """Energy in J supplied by the end."""
+        return float(self.supplied[-1])
+
+    @property
+    def remaining(self) -> Floats:
+        """(N,) part of `total` that is still stored."""
+        return self.stored / self.total
+
+    @property
+    def closure(self) -> float:
+        """The largest error of the energy balance, as a part of the largest energy supplied."""
+        error = self.supplied - self.stored - self.dissipated.sum(axis=1)
+        return float(np.abs(error).max() / np.abs(self.supplied).max())
+
+    @cached_property
+    def dissipated_by(self) -> dict[str, Floats]:
+        """(N,) energy in J that each host, by all its modes, and each other link has dissipated."""
+        by = dissipators(self.structure)
+        return {name: self.dissipated[:, numbers].sum(axis=1) for name, numbers in by.items()}
+
+    def share(self, link: str) -> float:
+        """The part of the energy supplied that a link or a host has dissipated by the end.
+
+        Parameters
+        ----------
+        link : str
+            Name of the link or the host.
+
+        Returns
+        -------
+        float
+            The part of `total`, from 0 to 1.
+
+        Raises
+        ------
+        ValueError
+            If there is no such link.
+        """
+        if link in self.dissipated_by:
+            return float(self.dissipated_by[link][-1] / self.total)
+        names = [link.name for link in self.structure.links]
+        return float(self.dissipated[-1, names.index(link)] / self.total)
+
+    def displacement(self, place: str) -> Floats:
+        """Displacement of a mass or of a point of a host.
+
+        Parameters
+        ----------
+        place : str
+            Its name.
+
+        Returns
+        -------
+        (N,) ndarray
+            Displacement in m.
+        """
+        return place_motion(self.structure, self.x, [place])[:, 0]
+
+    def host_energy(self, host: str) -> Floats:
+        """Kinetic and potential energy of the modes of a host.
+
+        Parameters
+        ----------
+        host : str
+            Name of the host.
+
+        Returns
+        -------
+        (N,) ndarray
+            Energy in J.
+
+        Raises
+        ------
+        StructureError
+            If there is no such host.
+        """
+        hosts = {own.name: own for own in self.structure.hosts}
+        return host_energy(self.structure, index_of(hosts, host, "host", "hosts"), self.x, self.v)
+
+
+def single_run(
+    motion: SimulatedMotion, primaries: tuple[str, ...], positions: Floats, powers: Mapping[str, Expression]
+) -> AbsorptionRun:
+    """One motion in full precision and with the kinks of its laws; `powers` are those that links deliver, in W."""
+    energy, schedule, x = motion.energy, motion.schedule, motion.displacement
+    d, own = _elongation(schedule, x), [barriers(link) for link in schedule.structure.links]
+    crossed = _since_onset(schedule, d, crossings(schedule, motion.run, [tops for tops, _ in own]))
+    supplied, delivered = energy.supplied - sum(floor for _, floor in own), delivered_energy(motion, powers)
+    moved = x, motion.velocity, d, energy.dissipated, supplied
+    return AbsorptionRun(schedule, primaries, positions, *moved, crossed, delivered)
+
+
+def runs_of(
+    schedules: Sequence[RunSchedule],
+    primaries: tuple[str, ...],
+    positions: Sequence[Floats],
+    powers: Mapping[str, Expression],
+) -> list[AbsorptionRun | None]:
+    """The runs of schedules that differ in numbers only; None for one that did not come to its end.
+
+    `powers` are those that links deliver, in W. The runs are made side by side in double precision, or one by one if links
+    deliver some, a law is not smooth or has memory, or shapes of hosts differ.
+    """
+    first, runs = schedules[0], list[AbsorptionRun | None]([None] * len(schedules))
+    shapes = [[mode.shape for host in own.structure.hosts for mode in host.modes] for own in schedules]
+    memory = any(link.law.states for link in first.structure.links)
+    if memory or powers or shapes.count(shapes[0]) < len(shapes) or not can_batch(first):
+        for number, (schedule, rests) in enumerate(zip(schedules, positions, strict=True)):
+            with suppress(SimulationError):
+                runs[number] = single_run(SimulatedMotion.of(schedule), primaries, rests, powers)
+        return runs
+    levels = [[barriers(link).tops for link in schedule.structure.links] for schedule in schedules]
+    for number, own in enumerate(run_batch(schedules, levels)):
+        if own is not None:
+            schedule = schedules[number]
+            d, v = _elongation(schedule, own.x), schedule.start[None, schedule.structure.size :]
+            supplied = own.work + stored_energy(schedule.structure, d[:1], v)
+            crossed = _since_onset(schedule, d, [distinct(times, schedule.end) for times in own.crossings])
+            moved = own.x, own.v, d, own.dissipated, supplied
+            runs[number] = AbsorptionRun(schedule, primaries, positions[number], *moved, crossed)
+    return runs
+
+
+def _elongation(schedule: RunSchedule, x: Floats) -> Floats:
+    """(N, L) m of all links."""
+    return schedule.structure.elongations(x, schedule.excitation.base_at(schedule.times))
+
+
+def _since_onset(schedule: RunSchedule, d: Floats, crossed: Sequence[Floats]) -> tuple[Floats, ...]:
+    """The times at which each link `crossed` a barrier without those before it begins to move."""
+    links = zip(crossed, d.T, schedule.structure.links, strict=True)
+    return tuple(after_onset(times, schedule.times, own, barriers(link).tops) for times, own, link in links)
 
 
 def reduction(with_sinks: Floats | float, without: Floats | float) -> Floats:
@@ -529,15 +547,10 @@ def reduction(with_sinks: Floats | float, without: Floats | float) -> Floats:
 
 
 def comparable(without: Floats, units: Collection[str]) -> Floats:
-    """(P, ...) factors by which displacements of P masses may be added: 1, but over those `without` sinks in several `units`.
+    """(P,) factors by which displacements of P masses may be added: 1, but over those `without` sinks in several `units`.
 
     Metres and radians have no sum, parts of what a mass would do without sinks have one. Masses at rest count for nothing.
     """
     if len(set(units)) <= 1:
         return np.ones_like(without)
     return np.divide(1.0, without, out=np.zeros_like(without), where=without > 0.0)
-
-
-def root_sum_square(values: Floats) -> Floats:
-    """(W,) of `values` (P, W), over the masses."""
-    return np.asarray(np.sqrt(np.square(values).sum(axis=0)))

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from linkwise.absorption.motion import comparable, reduction
-from linkwise.absorption.sinks import Sink, damping_unit, dissipators, host_energy, place_motion
+from linkwise.absorption.motion import AbsorptionRun, comparable, reduction
+from linkwise.absorption.sinks import Sink, damping_unit
 from linkwise.analysis.rest_positions import hilltop_finding
 from linkwise.arrays import Floats, finite
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
-from linkwise.model.coefficient import index_of
-from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
 from linkwise.verdict import UNGRADED, Basis, Verdict
 
@@ -88,131 +85,6 @@ class MassChange:
     def rms_reduction(self) -> float | None:
         """The relative reduction of the RMS by the sinks; None if the mass does not move without them."""
         return finite(float(reduction(self.with_sinks.rms, self.without.rms)))
-
-
-@dataclass(frozen=True, eq=False)
-class AbsorptionRun:
-    """One of the two runs, with N samples of n masses, P primary masses and L links.
-
-    Energy is counted from the lowest wells of all links, so that supplied = stored + sum of dissipated.
-
-    Attributes
-    ----------
-    structure : Structure
-        The structure that was run.
-    x, v : (N, n) ndarray
-        Displacements in m and velocities in m/s of all masses; of a mode its coordinate.
-    envelope : (N, P) ndarray
-        Largest excursion in m of the primary masses and points from each sample on.
-    supplied : (N,) ndarray
-        Energy in J at the start and work done on the structure since.
-    stored : (N,) ndarray
-        Kinetic and potential energy in J.
-    dissipated : (N, L) ndarray
-        Energy in J that each link has dissipated.
-    horizon : float or None
-        Time in s past which a chaotic motion cannot be predicted; None if it can throughout.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> result = lw.absorb(lw.bnes_chain(2), duration=2.0, release={"v:m1": 1.0})
-    >>> run = result.with_sinks
-    >>> run.closure < 1e-9
-    True
-    >>> round(float(run.dissipated[-1].sum() / run.total + run.remaining[-1]), 9)
-    1.0
-    """
-
-    structure: Structure
-    x: Floats
-    v: Floats
-    envelope: Floats
-    supplied: Floats
-    stored: Floats
-    dissipated: Floats
-    horizon: float | None
-
-    @property
-    def total(self) -> float:
-        """Energy in J supplied by the end."""
-        return float(self.supplied[-1])
-
-    @property
-    def remaining(self) -> Floats:
-        """(N,) part of `total` that is still stored."""
-        return self.stored / self.total
-
-    @property
-    def closure(self) -> float:
-        """The largest error of the energy balance, as a part of the largest energy supplied."""
-        error = self.supplied - self.stored - self.dissipated.sum(axis=1)
-        return float(np.abs(error).max() / np.abs(self.supplied).max())
-
-    @cached_property
-    def dissipated_by(self) -> dict[str, Floats]:
-        """(N,) energy in J that each host, by all its modes, and each other link has dissipated."""
-        by = dissipators(self.structure)
-        return {name: self.dissipated[:, numbers].sum(axis=1) for name, numbers in by.items()}
-
-    def share(self, link: str) -> float:
-        """The part of the energy supplied that a link or a host has dissipated by the end.
-
-        Parameters
-        ----------
-        link : str
-            Name of the link or the host.
-
-        Returns
-        -------
-        float
-            The part of `total`, from 0 to 1.
-
-        Raises
-        ------
-        ValueError
-            If there is no such link.
-        """
-        if link in self.dissipated_by:
-            return float(self.dissipated_by[link][-1] / self.total)
-        names = [link.name for link in self.structure.links]
-        return float(self.dissipated[-1, names.index(link)] / self.total)
-
-    def displacement(self, place: str) -> Floats:
-        """Displacement of a mass or of a point of a host.
-
-        Parameters
-        ----------
-        place : str
-            Its name.
-
-        Returns
-        -------
-        (N,) ndarray
-            Displacement in m.
-        """
-        return place_motion([self.structure], self.x[..., None], [place])[:, 0, 0]
-
-    def host_energy(self, host: str) -> Floats:
-        """Kinetic and potential energy of the modes of a host.
-
-        Parameters
-        ----------
-        host : str
-            Name of the host.
-
-        Returns
-        -------
-        (N,) ndarray
-            Energy in J.
-
-        Raises
-        ------
-        StructureError
-            If there is no such host.
-        """
-        hosts = {own.name: own for own in self.structure.hosts}
-        return host_energy(self.structure, index_of(hosts, host, "host", "hosts"), self.x, self.v)
 
 
 @dataclass(frozen=True, eq=False)

@@ -123,30 +123,13 @@ def _sink(structure: Structure, name: str) -> Sink:
     return Sink(name, mass, next(end for end in ends if end != mass))
 
 
-def place_motion(structures: Sequence[Structure], x: Floats, places: Sequence[str]) -> Floats:
-    """(N, P, W) m: motion of P masses or points in W structures, from that (N, n, W) of their masses and modes."""
-    moved = np.zeros((len(x), len(places), x.shape[2]))
-    for structure, runs in moving_alike(structures):
-        topology = structure.topology
-        for row, place in enumerate(places):
-            for number, part in topology.weights(topology.index[place]):
-                moved[:, row, runs] += part * x[:, number, runs]
+def place_motion(structure: Structure, x: Floats, places: Sequence[str]) -> Floats:
+    """(N, P) m: motion of P masses or points of a structure, from that (N, n) of its masses and modes."""
+    moved = np.zeros((len(x), len(places)))
+    for column, place in enumerate(places):
+        for number, part in structure.topology.weights(structure.topology.index[place]):
+            moved[:, column] += part * x[:, number]
     return moved
-
-
-def moving_alike(structures: Sequence[Structure]) -> Iterator[tuple[Structure, slice]]:
-    """A structure and the runs that move by its shapes: all of them, or each by itself if shapes of hosts differ."""
-    if have_equal_shapes(structures):
-        yield structures[0], slice(None)
-        return
-    for run, structure in enumerate(structures):
-        yield structure, slice(run, run + 1)
-
-
-def have_equal_shapes(structures: Sequence[Structure]) -> bool:
-    """Whether the shapes of hosts are the same in all structures of one shape."""
-    shapes = [[mode.shape for host in structure.hosts for mode in host.modes] for structure in structures]
-    return all(shape == shapes[0] for shape in shapes)
 
 
 def dissipators(structure: Structure) -> dict[str, list[int]]:
@@ -166,15 +149,6 @@ def host_energy(structure: Structure, host: Host, x: Floats, v: Floats) -> Float
         number, link = structure.mass_names.index(mode), structure.link(mode)
         energy += 0.5 * v[:, number] ** 2 + link.potential(x[:, number])
     return energy
-
-
-def mean_host_energies(structures: Sequence[Structure], x: Floats, v: Floats) -> Floats:
-    """(H, W) J: mean energies over the samples in the hosts of W structures of one shape, `x` and `v` (N, n, W)."""
-    means = [
-        [host_energy(one, host, x[..., run], v[..., run]).mean() for host in one.hosts]
-        for run, one in enumerate(structures)
-    ]
-    return np.array(means).T
 
 
 SUFFIX = "-harvester"
@@ -247,18 +221,15 @@ def delivered_energy(motion: SimulatedMotion, powers: Mapping[str, Expression]) 
         return {}
     schedule, structure = motion.schedule, motion.schedule.structure
     forces = LinkForces(structure, schedule.excitation)
-    d, v = forces.elongations(schedule.times, motion.displacement, motion.velocity)
-    columns = {key: column for column, key in enumerate(structure.topology.states)}
     energies = {}
-    for number, link in enumerate(structure.links):
+    for link, own in forces.variables(schedule.times, motion.displacement, motion.velocity, motion.states):
         if link.name not in powers:
             continue
-        states = {name: motion.states[:, columns[number, name]] for name in link.law.states}
-        values: dict[str, Any] = {"d": d[:, number], "v": v[:, number], **states, **link.values}
+        values: dict[str, Any] = {**own, **link.values}
         names = symbols(powers[link.name])
         with np.errstate(all="ignore"):
             power = Program([powers[link.name]], names)(*(values[name] for name in names))[0]
-        power = np.broadcast_to(power, len(d))
+        power = np.broadcast_to(power, len(schedule.times))
         if not np.isfinite(power).all():
             first = schedule.times[np.flatnonzero(~np.isfinite(power))[0]]
             raise SimulationError(

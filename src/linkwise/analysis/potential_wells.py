@@ -66,7 +66,7 @@ def wells(link: Link, lo: float | None = None, hi: float | None = None) -> tuple
     (-0.01, 0.01)
     """
     expect("wells(link): link", link, Link)
-    return tuple(point.d for point in _of_link(link, lo, hi) if point.well)
+    return tuple(point.d for point in link_rest_points(link, lo, hi) if point.well)
 
 
 def barrier(link: Link, lo: float | None = None, hi: float | None = None) -> float | None:
@@ -107,7 +107,7 @@ def escape_energy(ends: tuple[float, float], link: Link) -> float:
 
 def lowest_escape(link: Link, lo: float | None = None, hi: float | None = None) -> tuple[float, float] | None:
     """Elongations in m of the deepest well and of the lowest maximum next to it; None with fewer than two wells."""
-    points = _of_link(link, lo, hi)
+    points = link_rest_points(link, lo, hi)
     places = np.array([point.d for point in points])
     minima = np.flatnonzero([point.well for point in points])
     if minima.size < 2:
@@ -157,7 +157,8 @@ def rest_points(
     return tuple(sorted(points, key=lambda point: point.d))
 
 
-def _of_link(link: Link, lo: float | None, hi: float | None) -> tuple[RestPoint, ...]:
+def link_rest_points(link: Link, lo: float | None = None, hi: float | None = None) -> tuple[RestPoint, ...]:
+    """The rest points of a link at states and signals of 0; StructureError as of `rest_points`, with its name."""
     link.values  # raises StructureError for a coefficient without a value  # noqa: B018
     with located(f'link "{link.name}"'):
         return rest_points(partial(link.force, states=link.zero_states), link.stiffness, lo, hi)

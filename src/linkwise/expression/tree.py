@@ -359,55 +359,6 @@ def substitute(expression: Expression, replacements: Mapping[str, Expression]) -
     return expression
 
 
-def to_text(expression: Expression) -> str:
-    """The text that `parse` reads back as an equal tree, except `log`, which only derivatives contain."""
-    match expression:
-        case Number(value):
-            return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-        case Symbol(name):
-            return name
-        case Call(function, arguments):
-            return f"{function}({', '.join(to_text(argument) for argument in arguments)})"
-        case Sum(parts):
-            text = to_text(parts[0])
-            for part in parts[1:]:
-                term = to_text(part)
-                text += f" - {term[1:]}" if term.startswith("-") else f" + {term}"
-            return text
-        case Product(factors):
-            return _product_text(factors)
-        case Power(base, int() as exponent) if exponent < 0:
-            return _product_text((expression,))
-        case Power(base, exponent):
-            raised = as_expression(exponent)
-            return f"{_atom(base)}**{to_text(raised) if isinstance(raised, Number) else _atom(raised)}"
-    raise TypeError(f"not an expression: {expression!r}")
-
-
-def _product_text(factors: tuple[Expression, ...]) -> str:
-    over, under = [], ""
-    for factor in factors:
-        match factor:
-            case Power(base, int() as exponent) if exponent < 0:
-                if exponent == -1:
-                    under += f"/{_atom(base)}"
-                elif isinstance(base, Number):  # did not fold, would fold as 0**2 and would not come back
-                    under += f"*{_atom(base)}**{exponent}"
-                else:
-                    under += f"/{_atom(base)}**{-exponent}"
-            case _:
-                over.append(f"({to_text(factor)})" if isinstance(factor, Sum) else to_text(factor))
-    if factors[0] == MINUS_ONE and len(over) > 1:
-        over[:2] = [f"-{over[1]}"]
-    return ("*".join(over) or "1") + under
-
-
-def _atom(expression: Expression) -> str:
-    positive = isinstance(expression, Number) and expression.value >= 0
-    needs_none = positive or isinstance(expression, Symbol | Call)
-    return to_text(expression) if needs_none else f"({to_text(expression)})"
-
-
 _MAY_BE_COMPLEX = ("sqrt", "log")
 
 
@@ -416,7 +367,8 @@ class CodeStyle:
     """How a language writes arithmetic on numbers or arrays.
 
     `power` is a template of a base and an exponent, `integer_power` one for an exponent of digits; `function` gives the name
-    of a function of laws; `real` is what a value is wrapped in that may turn complex, which is not a number here.
+    of a function of laws, `number` a number; `real` is what a value is wrapped in that may turn complex, which is not a number
+    here.
     """
 
     times: str
@@ -425,47 +377,73 @@ class CodeStyle:
     integer_power: str
     function: Callable[[str], str]
     real: str = ""
+    number: Callable[[float], str] = repr
 
 
-NUMPY = CodeStyle("*", "/", "({})**({})", "({})**{}", lambda name: f"np.{FUNCTIONS[name].value.__name__}")
-MATLAB = CodeStyle(".*", "./", "({}).^({})", "({}).^{}", str, real="real_or_nan")
+def _shortest(value: float) -> str:
+    return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
 
 
-def to_code(expression: Expression, style: CodeStyle, names: Mapping[str, str]) -> str:
-    """The line for an expression; `names` are those that its symbols have there."""
+_LAW = CodeStyle("*", "/", "{}**{}", "{}**{}", str, number=_shortest)
+NUMPY = CodeStyle("*", "/", "{}**{}", "{}**{}", lambda name: f"np.{FUNCTIONS[name].value.__name__}")
+MATLAB = CodeStyle(".*", "./", "{}.^{}", "{}.^{}", str, real="real_or_nan")
+
+
+def to_text(expression: Expression) -> str:
+    """The text that `parse` reads back as an equal tree, except `log`, which only derivatives contain."""
+    return to_code(expression, _LAW)
+
+
+def to_code(expression: Expression, style: CodeStyle, names: Mapping[str, str] | None = None) -> str:
+    """The text of an expression in a language; `names` are those that its symbols have there."""
     match expression:
         case Number(value):
-            return repr(float(value)) if value >= 0.0 else f"({float(value)!r})"
+            return style.number(float(value))
         case Symbol(name):
-            return names[name]
+            return name if names is None else names[name]
         case Call(function, arguments):
             inner = ", ".join(to_code(argument, style, names) for argument in arguments)
             text = f"{style.function(function)}({inner})"
             return f"{style.real}({text})" if style.real and function in _MAY_BE_COMPLEX else text
         case Sum(parts):
-            return f"({' + '.join(to_code(part, style, names) for part in parts)})"
+            first, *others = (to_code(part, style, names) for part in parts)
+            signed = (f" - {term[1:]}" if term.startswith("-") else f" + {term}" for term in others)
+            return first + "".join(signed)
         case Product(factors):
             return _product(factors, style, names)
         case Power(base, int() as exponent):
             if exponent < 0:
                 return _product((expression,), style, names)
-            return style.integer_power.format(to_code(base, style, names), exponent)
+            return style.integer_power.format(_atom(base, style, names), exponent)
         case Power(base, exponent):
-            raised = to_code(as_expression(exponent), style, names)
-            text = style.power.format(to_code(base, style, names), raised)
+            write = _atom if isinstance(exponent, Expression) else to_code
+            raised = write(as_expression(exponent), style, names)
+            text = style.power.format(_atom(base, style, names), raised)
             return f"{style.real}({text})" if style.real else text
     raise TypeError(f"not an expression: {expression!r}")
 
 
-def _product(factors: tuple[Expression, ...], style: CodeStyle, names: Mapping[str, str]) -> str:
-    over, under = [], []
-    negative = len(factors) > 1 and factors[0] == MINUS_ONE
-    for factor in factors[negative:]:
+def _product(factors: tuple[Expression, ...], style: CodeStyle, names: Mapping[str, str] | None) -> str:
+    over, under = [], ""
+    for factor in factors:
         match factor:
             case Power(base, int() as exponent) if exponent < 0:
-                divisor, raised = to_code(base, style, names), style.integer_power
-                under.append(raised.format(divisor, -exponent) if exponent < -1 else f"({divisor})")
+                divisor, raised = _atom(base, style, names), style.integer_power
+                if exponent == -1:
+                    under += f"{style.over}{divisor}"
+                elif isinstance(base, Number) and style is _LAW:  # 0**2 would fold, and not come back
+                    under += style.times + raised.format(divisor, exponent)
+                else:
+                    under += style.over + raised.format(divisor, -exponent)
             case _:
-                over.append(to_code(factor, style, names))
-    text = style.times.join(over) if over else "1.0"
-    return ("(-" if negative else "(") + style.over.join([text, *under]) + ")"
+                text = to_code(factor, style, names)
+                over.append(f"({text})" if isinstance(factor, Sum) else text)
+    if factors[0] == MINUS_ONE and len(over) > 1:
+        over[:2] = [f"-{over[1]}"]
+    return (style.times.join(over) or style.number(1.0)) + under
+
+
+def _atom(expression: Expression, style: CodeStyle, names: Mapping[str, str] | None) -> str:
+    positive = isinstance(expression, Number) and expression.value >= 0
+    text = to_code(expression, style, names)
+    return text if positive or isinstance(expression, Symbol | Call) else f"({text})"

@@ -387,6 +387,11 @@ class Law:
         return tuple((rate.name, rate.expression) for rate in self.rates)
 
     @property
+    def trees(self) -> tuple[Expression, ...]:
+        """The law and the rate of each state, parsed."""
+        return (self.expression, *(rate.expression for rate in self.rates))
+
+    @property
     def equations(self) -> str:
         """The law as text and, with memory, the rates of its states: "q; q' = k*(v - q/c)"."""
         return "; ".join([self.text, *(f"{rate.name}' = {rate.text}" for rate in self.rates)])
@@ -476,8 +481,7 @@ class Law:
     @cached_property
     def kinks(self) -> tuple[Expression, ...]:
         """Expressions in d, v, states and signals at whose zeros the force or a rate is not smooth, without repetition."""
-        trees = (self.expression, *(rate.expression for rate in self.rates))
-        distinct = dict.fromkeys(kink for tree in trees for kink in kinks(tree))
+        distinct = dict.fromkeys(kink for tree in self.trees for kink in kinks(tree))
         return tuple(kink for kink in distinct if set(symbols(kink)) & set(self.variables))
 
     def force(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:

@@ -43,7 +43,7 @@ def chain_motion(masses: int, *, sinks: bool = True) -> OrbitEnvelope:
     structure = bnes_chain(masses)
     if not sinks:
         drive = Excitation(release=start(masses))
-        structure = without_sinks(structure, find_sinks(structure), drive, "removed").structure
+        structure, _ = without_sinks(structure, find_sinks(structure), drive, "removed")
     return orbit_envelope(structure, start(masses), duration=DURATION, rate=RATE)
 
 

@@ -22,7 +22,7 @@ from linkwise.response.continuation import Point, solve
 from linkwise.response.options import ResponseOptions
 from linkwise.response.result import Branch
 from linkwise.response.search import Curve, repeats_sooner
-from linkwise.response.shooting import PeriodicEquations, Shooting, half_height
+from linkwise.response.shooting import PeriodicEquations, half_height
 
 _DEVIATIONS = 1.96  # on either side: 95 % of normal draws
 _SAMPLES = 64  # of a turn
@@ -132,7 +132,7 @@ def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) 
     off = np.inf if found is None else float(np.abs((found.unknowns - unknowns) / point.sizes).max())
     if found is None or off > _JUMP:
         return None
-    if off > _FAR and isinstance(equations, Shooting) and repeats_sooner(equations, found):
+    if off > _FAR and repeats_sooner(equations, found):
         return None
     signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, found)]
     return found.unknowns if signs[0] == signs[1] else None

@@ -69,8 +69,7 @@ class HarmonicBalance(PeriodicEquations):
 
     def __post_init__(self) -> None:
         for link in self.structure.links:
-            trees = (link.law.expression, *(rate for _, rate in link.law.named_rates))
-            calls = (node for tree in trees for node in walk(tree) if isinstance(node, Call))
+            calls = (node for tree in link.law.trees for node in walk(tree) if isinstance(node, Call))
             if any(call.function == "sign" for call in calls):
                 raise StructureError(
                     f"the law {link.law.text} jumps (sign); steady motion needs a steep slope in its place, such as "
@@ -108,8 +107,7 @@ class HarmonicBalance(PeriodicEquations):
             names = link.law.states
             numbers = range(first, first + len(names))
             arguments: list[Any] = [*states[:, numbers].T, *map(link.values.get, link.law.coefficients)]
-            trees = (link.law.expression, *(rate for _, rate in link.law.named_rates))
-            for state, tree in zip((None, *numbers), trees, strict=True):
+            for state, tree in zip((None, *numbers), link.law.trees, strict=True):
                 program = partials_program(tree, (*names, *link.law.coefficients), names)
                 values, by_d, by_v, *by_states = program(d[:, number], v[:, number], *arguments)
                 yield _Tree(number, first, state, values, by_d, by_v, tuple(by_states))

@@ -11,7 +11,6 @@ from typing import TypedDict, Unpack, final
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.display import near_miss
 from linkwise.errors import IdentificationError, SimulationError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
@@ -22,7 +21,7 @@ from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT, answer_folder
 from linkwise.records.channel import Channel
-from linkwise.simulation.run import check_place
+from linkwise.simulation.run import check_base, check_place
 from linkwise.verdict import UNGRADED, Basis
 
 FORCE = "force"
@@ -131,18 +130,9 @@ class Drive:
         """
         refuse_signals(structure.links, "responses", "put its mean into the law as a coefficient")
         if self.kind == FORCE:
-            places = (*structure.places, *structure.modes.intersection(structure.mass_names))
-            if self.place not in places:
-                raise SimulationError(
-                    f"unknown mass {self.place!r} in a force{near_miss(self.place, structure.places)}; the masses and points "
-                    f"are {', '.join(structure.places)}",
-                    mass=self.place,
-                )
-        elif self.place != BASE or not np.any(structure.base_incidence):
-            raise SimulationError(
-                'the motion of the base is given, but no link has "base" as an end; write "base" instead of "ground" in '
-                "`between`"
-            )
+            check_place(Channel(FORCE, self.place), structure, "a force")
+        else:
+            check_base(structure, moves=self.place == BASE)
 
 
 class ResponseKeywords(TypedDict, total=False):

@@ -108,7 +108,7 @@ class LevelSearch:
         motion = solve(equations, unknowns)
         if motion is None or np.abs(equations.multipliers(motion)).max() > _WILD:
             return None
-        if isinstance(equations, Shooting) and repeats_sooner(equations, motion):
+        if repeats_sooner(equations, motion):
             return self.take(motion.unknowns)
         self._follow(equations, motion)
         return motion
@@ -164,9 +164,9 @@ def _turns(states: Floats, sizes: Floats) -> int:
     return 0
 
 
-def repeats_sooner(shooting: Shooting, motion: Point, near: float = _SAME) -> bool:
-    """Whether a motion comes back to within this part of its size before its period is over."""
-    if shooting.turns == 1:
+def repeats_sooner(shooting: PeriodicEquations, motion: Point, near: float = _SAME) -> bool:
+    """Whether a motion of several turns comes back to within this part of its size before its period is over."""
+    if not isinstance(shooting, Shooting) or shooting.turns == 1:
         return False
     states = shooting.after(motion.unknowns[:-1], motion.parameter, shooting.turns - 1)
     return bool((np.abs((states - motion.unknowns[:-1]) / motion.sizes[:-1]).max(axis=1) < near).any())
@@ -293,8 +293,7 @@ def _confirmed(
         splits = {FOLD, BRANCHING} <= {other for _, other in marked[max(number - 1, 0) : number + 2]}
         changes = counts[number - 1] != counts[min(number + 1, len(marked) - 1)]
         if name == FOLD and splits:
-            doubled = isinstance(equations, Shooting) and repeats_sooner(equations, point, _ON_CURVE)
-            name = DOUBLING if doubled else BRANCHING
+            name = DOUBLING if repeats_sooner(equations, point, _ON_CURVE) else BRANCHING
         elif (name == BRANCHING and splits) or (name != FOLD and not changes):
             name = ""
         yield point, name

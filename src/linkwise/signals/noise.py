@@ -224,36 +224,33 @@ def _across_gaps(samples: Floats) -> float:
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
     values = np.lib.stride_tricks.sliding_window_view(samples[present], width)
     power = np.einsum("ij,ij->i", weights, values) ** 2
-    return float(np.sqrt(_noise_level(power[None, :, None], min(_GAP_CELL, len(power) // 4))[0]))
+    return float(np.sqrt(_noise_level(power[:, None], min(_GAP_CELL, len(power) // 4))))
 
 
 def _levels(spectra: BlockSpectra, fewest: int) -> Floats:
     """Noise power (C,) of each channel, NaN with fewer than `fewest` complete blocks."""
-    depth = _CELLS[spectra.block][1]
-    telling = np.isfinite(spectra.cells[:, :, 0])
-    if spectra.cells.shape[1] >= fewest and telling.all():
-        return _noise_level(spectra.cells, depth)
     level = np.full(len(spectra.cells), np.nan)
     for channel, cells in enumerate(spectra.cells):
-        if telling[channel].sum() >= fewest:
-            level[channel] = _noise_level(cells[telling[channel]][None], depth)[0]
-        elif spectra.counts[channel] >= fewest and not telling[channel].any():
+        telling = cells[np.isfinite(cells[:, 0])]
+        if len(telling) >= fewest:
+            level[channel] = _noise_level(telling, _CELLS[spectra.block][1])
+        elif spectra.counts[channel] >= fewest and not len(telling):
             level[channel] = 0.0  # at rest throughout
     return level
 
 
-def _noise_level(power: Floats, depth: int) -> Floats:
-    """Mean power (C,) of the cells without motion, from the finite `power` (C, B, G); a cell has `depth` blocks."""
-    channels, blocks, groups = power.shape
+def _noise_level(power: Floats, depth: int) -> float:
+    """Mean power of the cells without motion, from the finite `power` (B, G); a cell has `depth` blocks."""
+    blocks, groups = power.shape
     depth = min(depth, blocks)
-    columns = power[:, : blocks // depth * depth].reshape(channels, -1, depth, groups)
-    cells = np.sort(columns.sum(axis=2).reshape(channels, -1) / depth, axis=1)
-    total, rows = np.cumsum(cells, axis=1), np.arange(channels)
-    level = cells[:, int(_QUANTILE * cells.shape[1])] / _QUANTILE_LEVEL
+    columns = power[: blocks // depth * depth].reshape(-1, depth, groups)
+    cells = np.sort(columns.sum(axis=1).ravel() / depth)
+    total = np.cumsum(cells)
+    level = cells[int(_QUANTILE * len(cells))] / _QUANTILE_LEVEL
     for _ in range(5):
-        last = np.maximum(np.sum(cells <= _MOTION * level[:, None], axis=1) - 1, 0)
-        level = total[rows, last] / (last + 1)
-    return np.asarray(level)
+        last = max(int(np.count_nonzero(cells <= _MOTION * level)) - 1, 0)
+        level = total[last] / (last + 1)
+    return float(level)
 
 
 def _spectra(channels: Floats, block: int) -> BlockSpectra:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Bools, Floats
 from linkwise.simulation.integrator.formulas import SCALE, CompiledSystem, compiled_system
 from linkwise.simulation.run import FARTHEST, MOST_STEPS, RunSchedule, run_time_parameters
 
@@ -20,20 +21,17 @@ _NEVER = 1e9  # m: an elongation that is never crossed
 
 
 @dataclass(frozen=True, eq=False)
-class BatchResult:
-    """The motion of W runs at N times in s: displacements in m and velocities in m/s (N, n, W), the energy in J that links
-    have `dissipated` (N, L, W), the `work` (N, W) of the excitation since the start, for each run and link the times in s
-    at which it crossed one of its levels, and whether a run was `completed` (W,): one that diverged or took too many steps
-    has NaN.
+class BatchRun:
+    """One of the runs over N times: displacements in m and velocities in m/s (N, n), the energy in J that links have
+    `dissipated` (N, L), the `work` (N,) of the excitation since the start, and for each link the times in s at which it
+    crossed one of its levels.
     """
 
-    time: Floats
     x: Floats
     v: Floats
     dissipated: Floats
     work: Floats
-    crossings: tuple[tuple[Floats, ...], ...]
-    completed: Bools
+    crossings: tuple[Floats, ...]
 
 
 def can_batch(schedule: RunSchedule) -> bool:
@@ -41,25 +39,26 @@ def can_batch(schedule: RunSchedule) -> bool:
     return not compiled_system(schedule.shape).kinks
 
 
-def run_batch(schedules: Sequence[RunSchedule], levels: Sequence[Floats]) -> BatchResult:
-    """Run up to `LANES` schedules that differ in numbers only.
+def run_batch(schedules: Sequence[RunSchedule], levels: Sequence[Sequence[Floats]]) -> list[BatchRun | None]:
+    """Run up to `LANES` schedules that differ in numbers only; None for one that diverged or took too many steps.
 
-    `levels` has for each link the elongations (W, K) in m whose crossings are recorded, NaN where a run has fewer. Raises
-    ValueError for a shape with kinks.
+    `levels` has, by run and link, the elongations in m whose crossings are recorded. Raises ValueError for a shape with kinks.
     """
-    watched = tuple(link for link, array in enumerate(levels) for _ in range(array.shape[1]))
-    all_levels = np.concatenate([np.where(np.isnan(array), _NEVER, array) for array in levels], axis=1)
+    by_link = [list(zip_longest(*own, fillvalue=_NEVER)) for own in zip(*levels, strict=True)]
+    watched = tuple(link for link, own in enumerate(by_link) for _ in own)
+    all_levels = np.array([level for own in by_link for level in own]).reshape(-1, len(schedules))
     system = compiled_system(schedules[0].shape)
     completed = np.ones(len(schedules), dtype=bool)
     while True:
         runs = np.flatnonzero(completed)
         lanes = np.resize(runs, LANES)  # an empty lane repeats a completed run
         own = [schedules[run] for run in lanes.tolist()]
-        batch = _Batch(system, watched, own, all_levels[lanes])
+        batch = _Batch(system, watched, own, all_levels[:, lanes])
         failed = batch.run()[: len(runs)]
         completed[runs[failed]] = False
         if failed.all() or not failed.any():
-            return _collected(batch, watched, len(levels), completed, runs[~failed])
+            kept = np.flatnonzero(completed).tolist()
+            return [batch.lane(kept.index(run)) if run in kept else None for run in range(len(schedules))]
 
 
 class _Batch:
@@ -72,7 +71,7 @@ class _Batch:
         schedules: Sequence[RunSchedule],
         levels: Floats,
     ) -> None:
-        self.schedules, self.layout = schedules, system.layout
+        self.schedules, self.watched, self.layout = schedules, watched, system.layout
         self.integrator = integrator = system.batch(LANES, watched)
         schedule = schedules[0]
         self.size, self.times = schedule.structure.size, schedule.times
@@ -81,7 +80,7 @@ class _Batch:
         )
         state = np.zeros_like(integrator.state)
         state[: 2 * self.size] = np.stack([lane.start for lane in schedules], axis=1) / SCALE
-        integrator.place(state, np.concatenate([parameters, levels.T]))
+        integrator.place(state, np.concatenate([parameters, levels]))
         self.states = np.empty((len(self.times), *state.shape))
         self.masses = np.stack([lane.structure.mass_values for lane in schedules], axis=1)
         self.next = 0  # index of the first output time that has not been reached
@@ -120,28 +119,17 @@ class _Batch:
         state[-1] += (self.masses * jumps * (speeds - 0.5 * jumps)).sum(axis=0)
         self.integrator.set_state(state)
 
-
-def _collected(
-    batch: _Batch, watched: tuple[int, ...], links: int, completed: Bools, runs: Indices
-) -> BatchResult:
-    """The result of the lanes, run by run; NaN for runs that were not completed."""
-    size, count = batch.size, len(completed)
-    states = batch.states[..., :count]
-    if len(runs) < count:
-        states = np.full((*batch.states.shape[:2], count), np.nan)
-        states[..., runs] = batch.states[..., : len(runs)]
-    states[:, : 2 * size] *= SCALE
-    times: list[list[list[float]]] = [[[] for _ in range(links)] for _ in range(count)]
-    for link, crossings in zip(watched, batch.integrator.crossings, strict=True):
-        for lane, time in crossings:
-            if lane < len(runs):
-                times[int(runs[lane])][link].append(time)
-    return BatchResult(
-        time=batch.times,
-        x=states[:, :size],
-        v=states[:, size : 2 * size],
-        dissipated=states[:, 2 * size : -1],
-        work=states[:, -1],
-        crossings=tuple(tuple(np.array(link) for link in run) for run in times),
-        completed=completed,
-    )
+    def lane(self, lane: int) -> BatchRun:
+        """The run of a lane."""
+        states, size = self.states[..., lane].copy(), self.size
+        states[:, : 2 * size] *= SCALE
+        crossings: list[list[float]] = [[] for _ in self.schedules[lane].structure.links]
+        for link, crossed in zip(self.watched, self.integrator.crossings, strict=True):
+            crossings[link] += [time for which, time in crossed if which == lane]
+        return BatchRun(
+            x=states[:, :size],
+            v=states[:, size : 2 * size],
+            dissipated=states[:, 2 * size : -1],
+            work=states[:, -1],
+            crossings=tuple(map(np.array, crossings)),
+        )

@@ -37,7 +37,7 @@ class LinkForces:
     structure: Structure
     excitation: Excitation
 
-    def _variables(
+    def variables(
         self, time: Floats, x: Floats, v: Floats, states: Floats
     ) -> Iterator[tuple[Link, dict[str, Floats]]]:
         """Each link with d, v, the states and the signals (M,) of its law."""
@@ -50,13 +50,13 @@ class LinkForces:
 
     def links(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
         """Force (M, L) of every link in N at displacements and velocities (M, n) and states (M, S)."""
-        every = self._variables(time, x, v, states)
+        every = self.variables(time, x, v, states)
         return np.stack([link.force(own["d"], own["v"], own) for link, own in every], axis=1)
 
     def dissipated_power(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
         """Power (M, L) in W that every link dissipates, (f(d, v) - f(d, 0)) v; with memory, (f(d, v, s) - f(d, 0, 0)) v."""
         powers = []
-        for link, own in self._variables(time, x, v, states):
+        for link, own in self.variables(time, x, v, states):
             program = _dissipation(link.law)
             named: dict[str, Floats | float] = {**link.values, **own}
             power = program(*(named[name] for name in program.inputs))[0]  # a number for a spring

@@ -289,7 +289,7 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
             raise SimulationError(message, impulse.time, impulse.mass)
     for mass in excitation.forces:
         check_place(Channel("force", mass), structure, "a force")
-    _check_base(structure, excitation)
+    check_base(structure, moves=excitation.base is not None)
     for name in excitation.signals:
         check_place(Channel("signal", name), structure, "an excitation")
     for name in structure.signals.keys() - excitation.signals.keys():
@@ -334,14 +334,14 @@ def check_place(channel: Channel, structure: Structure, where: str) -> None:
     raise SimulationError(message, mass=place if of == "mass" else None)
 
 
-def _check_base(structure: Structure, excitation: Excitation) -> None:
-    """The motion of the base must be given if, and only if, a link has the base as an end."""
+def check_base(structure: Structure, *, moves: bool) -> None:
+    """The motion of the base must be given, so that it `moves`, if, and only if, a link has the base as an end."""
     on_base = np.flatnonzero(structure.base_incidence)
-    if excitation.base is not None and not on_base.size:
+    if moves and not on_base.size:
         raise SimulationError(
             'the motion of the base is given, but no link has "base" as an end; write "base" instead of "ground" in `between`'
         )
-    if excitation.base is None and on_base.size:
+    if on_base.size and not moves:
         raise SimulationError(
             f'link {structure.links[int(on_base[0])].name!r} has "base" as an end, but the motion of the base is not given; '
             'give base=..., its displacement as an expression of t or Sampled, or "0" for a base at rest'
