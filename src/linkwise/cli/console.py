@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from rich import progress as bars
 
     from linkwise.model.structure import Structure
-    from linkwise.report import folder as folders
+    from linkwise.report import result_folder as folders
 else:  # rich is for terminals
-    folders = lazy_module("linkwise.report.folder")
+    folders = lazy_module("linkwise.report.result_folder")
     terminal = lazy_module("rich.console")
     bars = lazy_module("rich.progress")
 

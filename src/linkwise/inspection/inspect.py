@@ -13,10 +13,10 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, stretches
 from linkwise.errors import RecordError
+from linkwise.inspection.channel_faults import delay, drift, drift_at_rest, gain, offset, offset_at_rest
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
-from linkwise.inspection.relations import delay, drift, drift_at_rest, gain, offset, offset_at_rest
 from linkwise.inspection.result import Alert, ChannelSummary, Inspection
-from linkwise.inspection.samples import (
+from linkwise.inspection.sample_faults import (
     BUFFER,
     clipped,
     clipped_readings,
@@ -35,7 +35,7 @@ from linkwise.inspection.samples import (
     spikes,
     without_spikes,
 )
-from linkwise.inspection.spectra import aliasing, coloured, few_samples, hum, short, unit
+from linkwise.inspection.spectrum_faults import aliasing, coloured, few_samples, hum, short, unit
 from linkwise.records.channel import ClippedSamples
 from linkwise.records.joining import labels, record_list
 from linkwise.records.record import Record

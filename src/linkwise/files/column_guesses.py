@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from linkwise.display import on_one_line
-from linkwise.files.assemble import mapped, numbers, recognised
 from linkwise.files.mapping import RecordMapping
 from linkwise.files.table import ColumnHeader, Table
+from linkwise.files.table_to_record import mapped, numbers, recognised
 from linkwise.model.toml import toml_text
 from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, is_angular
 from linkwise.units import converts, factor_to_si
