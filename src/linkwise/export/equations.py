@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -43,17 +44,11 @@ def with_common_subexpressions(assignments: Mapping[str, Expression]) -> dict[st
     >>> {name: to_text(part) for name, part in shared.items()}
     {'common:1': 'exp(d)', 'f': 'k*common:1', 'g': 'v + common:1'}
     """
-    seen: set[Expression] = set()
-    repeated: set[Expression] = set()
+    times: Counter[Expression] = Counter()
 
     def count(node: Expression) -> None:
-        if isinstance(node, Number | Symbol):
-            return
-        if node in seen:
-            repeated.add(node)
-            return
-        seen.add(node)
-        for below in children(node):
+        times[node] += 1
+        for below in children(node) if times[node] == 1 else ():
             count(below)
 
     for expression in assignments.values():
@@ -65,7 +60,7 @@ def with_common_subexpressions(assignments: Mapping[str, Expression]) -> dict[st
         if node in names:
             return names[node]
         inner = _rebuilt(node, [written(below) for below in children(node)])
-        if node not in repeated:
+        if times[node] == 1 or isinstance(node, Number | Symbol):
             return inner
         names[node] = Symbol(f"{COMMON}{len(names) + 1}")
         result[names[node].name] = inner
@@ -83,10 +78,8 @@ def _rebuilt(node: Expression, below: list[Expression]) -> Expression:
             return type(node)(tuple(below))
         case Call(function, _):
             return Call(function, tuple(below))
-        case Power(_, Expression()):
-            return Power(below[0], below[1])
         case Power(_, exponent):
-            return Power(below[0], exponent)
+            return Power(below[0], below[1] if len(below) > 1 else exponent)
     return node
 
 

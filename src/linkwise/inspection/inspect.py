@@ -43,32 +43,10 @@ from linkwise.registry import Registry
 
 Check = Callable[[RecordSignals], Iterable[Alert]]
 
-CHECKS: Registry[Check] = Registry(
-    "check",
-    {
-        "dead": dead,
-        "equal": equal,
-        "unit": unit,
-        "clipped": clipped,
-        "dropped": dropped,
-        "lost": lost,
-        "doubled": doubled,
-        "copied": copied,
-        "quantised": quantised,
-        "spikes": spikes,
-        "delay": delay,
-        "gain": gain,
-        "offset": offset,
-        "offset at rest": offset_at_rest,
-        "drift": drift,
-        "drift at rest": drift_at_rest,
-        "hum": hum,
-        "aliasing": aliasing,
-        "coloured": coloured,
-        "few-samples": few_samples,
-        "short": short,
-    },
-)
+CHECKS: tuple[Check, ...] = (
+    dead, equal, unit, clipped, dropped, lost, doubled, copied, quantised, spikes, delay, gain, offset, offset_at_rest, drift,
+    drift_at_rest, hum, aliasing, coloured, few_samples, short,
+)  # fmt: skip
 """Functions of the signals of a record that give alerts."""
 
 
@@ -146,7 +124,7 @@ def inspect(records: Record | Sequence[Record]) -> Inspection:
     for record, label in zip(given, labels(given), strict=True):
         signals = RecordSignals.of(record)
         channels += [summary(signal, label) for signal in signals.channels]
-        alerts += [replace(alert, record=label) for check in CHECKS.values() for alert in check(signals)]
+        alerts += [replace(alert, record=label) for check in CHECKS for alert in check(signals)]
     worst_first = sorted(alerts, key=lambda alert: -alert.error)
     return Inspection(given, tuple(channels), tuple(worst_first))
 
