@@ -291,9 +291,8 @@ def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [title]
     for level, found in zip(comparison.levels, comparison.distortions, strict=True):
         if found is not None:
-            powers = (
-                "" if power is None else f"{power:.1f}" for power in (found.odd, found.even, found.noise)
-            )
+            sizes = (found.odd, found.even, found.noise)
+            powers = ("" if power is None else f"{power:.1f}" for power in sizes)
             rows.append((found.channel, f"{level:.3g}", f"{found.period:.4g}", *powers))
     return rows
 
