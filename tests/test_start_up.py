@@ -36,7 +36,7 @@ import sys
 import linkwise as lw
 import linkwise.study.workers
 from linkwise.report.estimate import estimate_page
-from linkwise.report.folder import Reported
+from linkwise.report.result_folder import Reported
 chain = lw.bnes_chain(2)
 record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.5, rate=1000.0).with_noise(30.0, seed=1)
 estimate_page(Reported(lw.identify(record, chain.unknown("nes"))), {})

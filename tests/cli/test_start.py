@@ -9,7 +9,7 @@ import pytest
 from commands import said
 
 import linkwise as lw
-from linkwise.inspection.relations import driven_mass
+from linkwise.inspection.channel_faults import driven_mass
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

@@ -9,7 +9,7 @@ import scipy
 from nptdms import ChannelObject, TdmsWriter
 
 from linkwise.files import read_table
-from linkwise.files.guesses import (
+from linkwise.files.column_guesses import (
     NO_MASS,
     NO_QUANTITY,
     NO_UNIT,

@@ -25,7 +25,7 @@ import linkwise as lw
 from linkwise.plot import absorptions, discoveries
 from linkwise.plot.absorptions import crossings_figure, decay_figure, energy_figure, map_figure
 from linkwise.plot.discoveries import evidence_figure, path_figure
-from linkwise.plot.graphs import graph_figure
+from linkwise.plot.discovery_graph import graph_figure
 from linkwise.plot.links import force_comparison_figure, force_figure
 from linkwise.plot.records import histories_figure
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from structures import link, with_links
 
 import linkwise as lw
-from linkwise.plot.graphs import graph_figure
+from linkwise.plot.discovery_graph import graph_figure
 from linkwise.plot.style import MEASURED
 
 

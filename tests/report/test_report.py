@@ -15,8 +15,8 @@ from structures import torsion_chain
 import linkwise as lw
 from linkwise.report.discovery import discovery_page
 from linkwise.report.estimate import estimate_figures, estimate_page
-from linkwise.report.folder import Reported
-from linkwise.report.page import _table_as_in_figures, lengths_as_in_figures
+from linkwise.report.figure_units import lengths_as_in_figures, table_as_in_figures
+from linkwise.report.result_folder import Reported
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -102,7 +102,7 @@ def test_page_needs_nothing_else(answer_folder: Path) -> None:
 
 def test_big_figures_lie_beside(fitted: lw.Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """So that no page is larger than 1.5 MB, however many links and channels there are."""
-    monkeypatch.setattr("linkwise.report.folder._PAGE", 40)
+    monkeypatch.setattr("linkwise.report.result_folder._PAGE", 40)
     page = (lw.report.write_result(fitted, tmp_path / "answer") / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 1 and '<a href="histories.png">histories.png</a>' in page
 
@@ -202,5 +202,5 @@ def test_lengths_stand_in_the_units_of_figures() -> None:
     assert lengths_as_in_figures(texts) == ["2.977 mm at 27.8 Hz, from -20 to 20 mm", *texts[1:]]
     assert lengths_as_in_figures(["9.58e-07 m about 0.01 m"]) == ["958 nm about 10 mm"]
     table = [("Hz", "x:m1, m"), ("3", "9.58e-07"), ("4", "0.01")]
-    assert _table_as_in_figures(table) == [("Hz", "x:m1, mm"), ("3", "0.000958"), ("4", "10")]
+    assert table_as_in_figures(table) == [("Hz", "x:m1, mm"), ("3", "0.000958"), ("4", "10")]
     assert lengths_as_in_figures(["0 m", "1.0020e-06 m to 2e-06 m"]) == ["0 µm", "1.002 µm to 2 µm"]

@@ -307,7 +307,7 @@ def test_numbers_are_kept_where_a_figure_cannot_be_drawn(
     def undrawn(*_: object) -> None:
         raise fault
 
-    monkeypatch.setattr("linkwise.report.folder.embedded", undrawn)
+    monkeypatch.setattr("linkwise.report.result_folder.embedded", undrawn)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert run([*arguments, "-o", str(tmp_path / "answer")]) == 1
     note, error = capsys.readouterr().err.strip().splitlines()

@@ -12,9 +12,17 @@ from click import UsageError
 import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
-from linkwise.cli.options import ANSWER, grouped, method_options, stated, typed, unstarted_is_usage
+from linkwise.cli.options import (
+    ANSWER,
+    grouped,
+    method_options,
+    number,
+    pairs,
+    stated,
+    typed,
+    unstarted_is_usage,
+)
 from linkwise.cli.reading_options import read_told, tell_grade
-from linkwise.cli.values import number, pairs
 from linkwise.output import ABSORPTION
 
 EXAMPLE = "nes1.alpha=-200:-20:100"

@@ -7,7 +7,7 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from rich import progress as bars
 
     from linkwise.model.structure import Structure
-    from linkwise.report import folder as folders
+    from linkwise.report import result_folder as folders
 else:  # rich is for terminals
-    folders = lazy_module("linkwise.report.folder")
+    folders = lazy_module("linkwise.report.result_folder")
     terminal = lazy_module("rich.console")
     bars = lazy_module("rich.progress")
 
@@ -172,20 +172,15 @@ def _keep(result: object, folder: Path, truth: Structure | None, *, whole: bool)
     note("the result was not saved; only the printed text is left")
 
 
-def progress(title: str) -> AbstractContextManager[Progress]:
-    """A bar for work that may take long; gives what the keyword `progress` of all long work takes.
-
-    Nothing is written where standard error is no terminal.
-    """
-    return _progress_bar(title) if sys.stderr.isatty() else nullcontext(silent)
-
-
 @contextmanager
-def _progress_bar(title: str) -> Iterator[Progress]:
-    """A bar on standard error; yields what the keyword `progress` of all long work takes.
+def progress(title: str) -> Iterator[Progress]:
+    """A bar on standard error for work that may take long; gives what the keyword `progress` of all long work takes.
 
-    Until the first call the bar only shows that there is life.
+    Until the first call the bar only shows that there is life. Nothing is written where standard error is no terminal.
     """
+    if not sys.stderr.isatty():
+        yield silent
+        return
     text = bars.TextColumn("{task.description}")
     columns = bars.SpinnerColumn(), text, bars.BarColumn(), bars.TimeElapsedColumn()
     with bars.Progress(*columns, console=terminal.Console(stderr=True), transient=True) as bar:

@@ -13,9 +13,18 @@ from click import UsageError
 import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options, harmonic_excitation
-from linkwise.cli.options import ANSWER, POSITIVE, grouped, method_options, typed, unstarted_is_usage
+from linkwise.cli.options import (
+    ANSWER,
+    POSITIVE,
+    grouped,
+    method_options,
+    number,
+    pairs,
+    ranges,
+    typed,
+    unstarted_is_usage,
+)
 from linkwise.cli.reading_options import tell_grade, tell_of_hosts
-from linkwise.cli.values import number, pairs, ranges
 from linkwise.output import DESIGN
 from linkwise.runtime import processors
 

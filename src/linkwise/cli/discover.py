@@ -12,9 +12,8 @@ from click import UsageError
 import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, nmse_lines, note, progress, truth_option
 from linkwise.cli.help import listing, screen
-from linkwise.cli.options import FILE, STRUCTURE, grouped, method_options, typed
+from linkwise.cli.options import FILE, STRUCTURE, grouped, method_options, pairs, quantity, typed
 from linkwise.cli.reading_options import RecordOptions, record_options, tell_of_hosts
-from linkwise.cli.values import pairs, quantity
 from linkwise.discovery import terms as families
 from linkwise.model import link
 from linkwise.output import RESULT

@@ -11,8 +11,17 @@ import click
 
 import linkwise as lw
 from linkwise import files
-from linkwise.cli.options import POSITIVE, grouped, typed
-from linkwise.cli.values import file_and_column, is_file, number, numbers, pairs, split
+from linkwise.cli.options import (
+    POSITIVE,
+    file_and_column,
+    grouped,
+    is_file,
+    number,
+    numbers,
+    pairs,
+    split,
+    typed,
+)
 from linkwise.records.sample_checks import require_complete
 
 

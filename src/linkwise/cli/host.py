@@ -14,9 +14,8 @@ from click.core import ParameterSource
 
 import linkwise as lw
 from linkwise.cli.console import deliver_structure, note, progress
-from linkwise.cli.options import FILE, grouped, typed
+from linkwise.cli.options import FILE, grouped, pairs, percentage, quantity, typed
 from linkwise.cli.reading_options import ReadingOptions
-from linkwise.cli.values import pairs, percentage, quantity
 
 # options that mean nothing for modes
 _OF_MATRICES = ("keep", "damping", "modal_damping", "rayleigh", "no_residual")

@@ -12,9 +12,19 @@ from click import UsageError
 import linkwise as lw
 from linkwise.cli.console import progress
 from linkwise.cli.excitation_options import ExcitationOptions, SamplingOptions, drive_options
-from linkwise.cli.options import ANSWER, POSITIVE, grouped, typed, unstarted_is_usage
+from linkwise.cli.options import (
+    ANSWER,
+    POSITIVE,
+    grouped,
+    number,
+    numbers,
+    pairs,
+    quantity,
+    typed,
+    unit_of_channel,
+    unstarted_is_usage,
+)
 from linkwise.cli.reading_options import read_told
-from linkwise.cli.values import number, numbers, pairs, quantity, unit_of_channel
 from linkwise.output import to_json
 from linkwise.verdict import Basis
 

@@ -15,8 +15,17 @@ from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import note
-from linkwise.cli.options import FILE, POSITIVE, grouped, typed
-from linkwise.cli.values import comma_separated, file_and_column, header_line, pairs, quantity
+from linkwise.cli.options import (
+    FILE,
+    POSITIVE,
+    comma_separated,
+    file_and_column,
+    grouped,
+    header_line,
+    pairs,
+    quantity,
+    typed,
+)
 from linkwise.display import near_miss
 from linkwise.model import link
 from linkwise.signals.force_window import with_force_windows

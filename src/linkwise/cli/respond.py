@@ -12,9 +12,20 @@ from click import UsageError
 import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import harmonic_excitation
-from linkwise.cli.options import ANSWER, FILE, POSITIVE, grouped, method_options, typed, unstarted_is_usage
+from linkwise.cli.options import (
+    ANSWER,
+    FILE,
+    POSITIVE,
+    comma_separated,
+    grouped,
+    method_options,
+    number,
+    numbers,
+    ranges,
+    typed,
+    unstarted_is_usage,
+)
 from linkwise.cli.reading_options import read_told, tell_grade, tell_of_hosts
-from linkwise.cli.values import comma_separated, number, numbers, ranges
 from linkwise.output import BACKBONE, BASINS, RESPONSE
 
 

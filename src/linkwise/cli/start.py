@@ -18,14 +18,13 @@ from linkwise.cli.console import fail, note, noting_once, tell
 from linkwise.cli.discover import discover, mass_value
 from linkwise.cli.identify import identify
 from linkwise.cli.inspect import inspect
-from linkwise.cli.options import FOLDER, POSITIVE, grouped, typed, with_flags
+from linkwise.cli.options import FOLDER, POSITIVE, grouped, header_line, pairs, typed, with_flags
 from linkwise.cli.reading_options import records_argument
-from linkwise.cli.values import header_line, pairs
 from linkwise.display import align_columns
-from linkwise.files import guesses as columns
+from linkwise.files import column_guesses as columns
 from linkwise.files import read_table
 from linkwise.files.table import Table
-from linkwise.inspection.relations import driven_mass
+from linkwise.inspection.channel_faults import driven_mass
 from linkwise.model.chains import link_table
 from linkwise.model.coefficient import quoted
 from linkwise.model.link import GROUND, mass_in_si

@@ -14,9 +14,9 @@ import linkwise as lw
 from linkwise.cli.console import deliver_structure, note
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE, STRUCTURE, grouped, typed
-from linkwise.export.templates import filled
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
+from linkwise.templates import filled
 
 if TYPE_CHECKING:
     from linkwise.plot import estimates

@@ -16,10 +16,10 @@ from linkwise.arrays import Floats
 from linkwise.errors import OutputError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.export.templates import filled
 from linkwise.identification.validated_answer import ValidatedAnswer
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
+from linkwise.templates import filled
 from linkwise.verdict import UNGRADED, Basis
 
 _LONGEST = 50  # characters of a name: MATLAB takes 63, and prefixes are added
@@ -196,9 +196,10 @@ EXPORTS = {
     ".m": ExportFormat("the same as a function for MATLAB and Octave", "linkwise.export.matlab:write_m"),
     ".mat": ExportFormat("the numbers and laws as variables for MATLAB", "linkwise.export.matlab:write_mat"),
     ".csv": ExportFormat(
-        "a table of the coefficients with units, errors and intervals", "linkwise.export.table:write_csv"
+        "a table of the coefficients with units, errors and intervals",
+        "linkwise.export.spreadsheet:write_csv",
     ),
-    ".xlsx": ExportFormat("the same table, and the covariance", "linkwise.export.table:write_xlsx"),
+    ".xlsx": ExportFormat("the same table, and the covariance", "linkwise.export.spreadsheet:write_xlsx"),
 }
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +25,7 @@ from linkwise.expression import (
     to_text,
 )
 from linkwise.expression.program import cached_program
-from linkwise.expression.tree import ZERO, Call, CodeStyle, Power, Product, Sum, children, to_code
+from linkwise.expression.tree import ONE, ZERO, Call, CodeStyle, Power, Product, Sum, children, to_code
 from linkwise.model.coefficient import MASS
 from linkwise.model.link import BASE, Link
 from linkwise.model.structure import Structure, Weights, refuse_rig
@@ -43,17 +44,11 @@ def with_common_subexpressions(assignments: Mapping[str, Expression]) -> dict[st
     >>> {name: to_text(part) for name, part in shared.items()}
     {'common:1': 'exp(d)', 'f': 'k*common:1', 'g': 'v + common:1'}
     """
-    seen: set[Expression] = set()
-    repeated: set[Expression] = set()
+    times: Counter[Expression] = Counter()
 
     def count(node: Expression) -> None:
-        if isinstance(node, Number | Symbol):
-            return
-        if node in seen:
-            repeated.add(node)
-            return
-        seen.add(node)
-        for below in children(node):
+        times[node] += 1
+        for below in children(node) if times[node] == 1 else ():
             count(below)
 
     for expression in assignments.values():
@@ -65,7 +60,7 @@ def with_common_subexpressions(assignments: Mapping[str, Expression]) -> dict[st
         if node in names:
             return names[node]
         inner = _rebuilt(node, [written(below) for below in children(node)])
-        if node not in repeated:
+        if times[node] == 1 or isinstance(node, Number | Symbol):
             return inner
         names[node] = Symbol(f"{COMMON}{len(names) + 1}")
         result[names[node].name] = inner
@@ -83,10 +78,8 @@ def _rebuilt(node: Expression, below: list[Expression]) -> Expression:
             return type(node)(tuple(below))
         case Call(function, _):
             return Call(function, tuple(below))
-        case Power(_, Expression()):
-            return Power(below[0], below[1])
         case Power(_, exponent):
-            return Power(below[0], exponent)
+            return Power(below[0], below[1] if len(below) > 1 else exponent)
     return node
 
 
@@ -212,59 +205,19 @@ class EquationsOfMotion:
     @cached_property
     def rates(self) -> Assignments:
         """The rates of the states (D,)."""
-        structure, links = self.structure, self.structure.links
-        onto = [
-            (f"f:{link.name}", -1.0, parts)
-            for link, parts in zip(links, structure.topology.columns, strict=True)
-        ]
-        onto += [(name, 1.0, parts) for name, parts in self._driven.items()]
-        forces: list[list[Expression]] = [[] for _ in structure.masses]
-        for name, sign, parts in onto:
-            for mass, part in parts:
-                forces[mass].append(multiply(Number(sign * part), Symbol(name)))
-        rates: list[Expression] = [Symbol(f"v:{mass}") for mass in structure.mass_names]
-        pairs = zip(forces, self._masses, strict=True)
-        rates += [multiply(add(*parts), power(mass, -1)) for parts, mass in pairs]
-        rates += [Symbol(f"rate of {name}") for name in list(self.states)[2 * structure.size :]]
-        return Assignments.of(self._values, {(row,): rate for row, rate in enumerate(rates)}, self._notes)
+        return Assignments.of(
+            self._values, {(row,): rate for row, rate in enumerate(self._rates)}, self._notes
+        )
 
     @cached_property
     def jacobian(self) -> Assignments:
         """Its derivatives by the states (D, D)."""
-        structure, columns = self.structure, self.structure.topology.columns
-        size = structure.size
-        entries: dict[Place, list[Expression]] = {}
-        for mass in range(size):
-            entries[mass, size + mass] = [Number(1.0)]
-        for row, scale, number, of in self._depending:
-            for by, shift in (("d", 0), ("v", size)):
-                for mass, part in columns[number]:
-                    slope = multiply(Number(part), scale, self._slope(of, by))
-                    entries.setdefault((row, shift + mass), []).append(slope)
-            for column, (owner, state) in enumerate(structure.topology.states, start=2 * size):
-                if owner == number:
-                    slope = multiply(scale, self._slope(of, f"state:{structure.links[owner].name}.{state}"))
-                    entries.setdefault((row, column), []).append(slope)
-        return self._summed(entries)
+        return self._derivatives(list(self.states))
 
     @cached_property
     def input_jacobian(self) -> Assignments:
         """Its derivatives by the inputs (D, U)."""
-        entries: dict[Place, list[Expression]] = {}
-        for column, parts in enumerate(self._driven.values()):
-            for mass, part in parts:
-                slope = multiply(Number(part), power(self._masses[mass], -1))
-                entries[self.structure.size + mass, column] = [slope]
-        columns = list(self.inputs)
-        for row, scale, number, of in self._depending:
-            for signal in self.structure.links[number].law.signals:
-                by, column = f"signal:{signal}", columns.index(f"signal:{signal}")
-                entries.setdefault((row, column), []).append(multiply(scale, self._slope(of, by)))
-            if base := float(self.structure.base_incidence[number]):
-                for by, column in (("d", len(self._driven)), ("v", len(self._driven) + 1)):
-                    slope = multiply(Number(base), scale, self._slope(of, by))
-                    entries.setdefault((row, column), []).append(slope)
-        return self._summed(entries)
+        return self._derivatives(list(self.inputs))
 
     @property
     def functions(self) -> tuple[tuple[str, Assignments, int], ...]:
@@ -278,10 +231,37 @@ class EquationsOfMotion:
         """The names of the entries of each array that the functions take."""
         return {"z": list(self.states), "u": list(self.inputs), "p": list(self.parameters)}
 
-    def _summed(self, entries: Mapping[Place, Sequence[Expression]]) -> Assignments:
+    @cached_property
+    def _rates(self) -> list[Expression]:
+        """The rates of the states (D,) in velocities, forces on masses, and rates that links give."""
+        structure = self.structure
+        columns = zip(structure.links, structure.topology.columns, strict=True)
+        onto = [(f"f:{link.name}", -1.0, parts) for link, parts in columns]
+        onto += [(name, 1.0, parts) for name, parts in self._driven.items()]
+        forces: list[list[Expression]] = [[] for _ in structure.masses]
+        for name, sign, parts in onto:
+            for mass, part in parts:
+                forces[mass].append(multiply(Number(sign * part), Symbol(name)))
+        rates: list[Expression] = [Symbol(f"v:{mass}") for mass in structure.mass_names]
+        pairs = zip(forces, self._masses, strict=True)
+        rates += [multiply(add(*parts), power(mass, -1)) for parts, mass in pairs]
+        return rates + [Symbol(f"rate of {name}") for name in list(self.states)[2 * structure.size :]]
+
+    def _derivatives(self, columns: Sequence[str]) -> Assignments:
+        """Those of the rates by the symbols of `columns`, by the chain rule over what links give and how they move."""
+        entries: dict[Place, list[Expression]] = {}
+        for row, rate in enumerate(self._rates):
+            for of in symbols(rate):
+                outer = differentiate(rate, of)
+                for by, (slope, _) in self._slopes.get(of, {of: (ONE, ONE)}).items():
+                    moved = self._values.get(by, Symbol(by))
+                    for name in set(columns).intersection(symbols(moved)):
+                        product = multiply(outer, slope, differentiate(moved, name))
+                        entries.setdefault((row, columns.index(name)), []).append(product)
+        slopes = {slope.name: tree for own in self._slopes.values() for slope, tree in own.values()}
         sums = ((place, add(*parts)) for place, parts in sorted(entries.items()))
-        values = self._values | {name: slope for name, slope in self._slopes.items() if slope != ZERO}
-        return Assignments.of(values, {place: tree for place, tree in sums if tree != ZERO}, self._notes)
+        values = {place: tree for place, tree in sums if tree != ZERO}
+        return Assignments.of(self._values | slopes, values, self._notes)
 
     @cached_property
     def _sharing(self) -> dict[str, str]:
@@ -321,38 +301,25 @@ class EquationsOfMotion:
         return values
 
     @cached_property
-    def _slopes(self) -> dict[str, Expression]:
-        """The derivatives of forces and rates of each link by its elongation, rate, states and signals, by name."""
+    def _slopes(self) -> dict[str, dict[str, tuple[Symbol, Expression]]]:
+        """The derivatives that are not zero of the force and the rates of each link, by what they depend on, with symbols."""
         slopes = {}
         for link in self.structure.links:
+            names = self._renamed(link)
             variables = {"d": "d", "v": "v", **_inner(link)}
             for of, tree in _laws(link).items():
-                for variable, by in variables.items():
-                    slopes[f"slope:{by}:{of}"] = substitute(
-                        differentiate(tree, variable), self._renamed(link)
-                    )
+                slopes[of] = {
+                    names[variable].name: (Symbol(f"slope:{by}:{of}"), substitute(slope, names))
+                    for variable, by in variables.items()
+                    if (slope := differentiate(tree, variable)) != ZERO
+                }
         return slopes
-
-    def _slope(self, of: str, by: str) -> Expression:
-        name = f"slope:{by}:{of}"
-        return Symbol(name) if self._slopes[name] != ZERO else ZERO
-
-    @property
-    def _depending(self) -> Iterator[tuple[int, Expression, int, str]]:
-        """The rows of z' that depend on links: row, factor, number of the link, and the name of its force or rate."""
-        structure = self.structure
-        for number, link in enumerate(structure.links):
-            for mass, part in structure.topology.columns[number]:
-                scale = multiply(Number(-part), power(self._masses[mass], -1))
-                yield structure.size + mass, scale, number, f"f:{link.name}"
-        for row, (number, name) in enumerate(structure.topology.states, start=2 * structure.size):
-            yield row, Number(1.0), number, f"rate of state:{structure.links[number].name}.{name}"
 
     def _moved(self, kind: str, weights: Weights) -> Expression:
         names = self.structure.mass_names
         return add(*(multiply(Number(part), Symbol(f"{kind}:{names[mass]}")) for mass, part in weights))
 
-    def _renamed(self, link: Link) -> dict[str, Expression]:
+    def _renamed(self, link: Link) -> dict[str, Symbol]:
         """What the symbols of the laws of a link are called in those of the structure."""
         names = {"d": f"d:{link.name}", "v": f"dv:{link.name}", **_inner(link)}
         names |= {key: self._leader(f"{link.name}.{key}") for key in link.law.coefficients}

@@ -12,10 +12,10 @@ from pkgutil import resolve_name
 
 from linkwise.display import near_miss
 from linkwise.errors import OutputError, RecordError, expect
-from linkwise.files.assemble import find_column, to_record
-from linkwise.files.guesses import first_mapping
+from linkwise.files.column_guesses import first_mapping
 from linkwise.files.mapping import RecordMapping, read_mapping
 from linkwise.files.table import ColumnHeader, Table
+from linkwise.files.table_to_record import find_column, to_record
 from linkwise.files.uff import record_of_responses
 from linkwise.output import atomic_file, check_file
 from linkwise.records.record import Record

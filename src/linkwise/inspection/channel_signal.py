@@ -372,14 +372,8 @@ def _fit_about(lower: ChannelSignal, upper: ChannelSignal, late: float) -> Kinem
     x = projections(lower.filled[of_lower], tests, hop)
     half = 0.5 * (count - 1) / lower.rate
     time = np.linspace(-half, half, count)
-    columns = np.column_stack(
-        [
-            sign * x[order],
-            sign * x[order + 1],
-            projections(np.ones(count), tests[:1], hop)[0],
-            projections(time, tests[:1], hop)[0],
-        ]
-    )[complete]
+    lines = [projections(line, tests[:1], hop)[0] for line in (np.ones(count), time)]
+    columns = np.column_stack([sign * x[order], sign * x[order + 1], *lines])[complete]
     moved = bumps(width, 0, 1.0 / lower.rate, late - shift)
     target = projections(upper.filled[of_upper], moved, hop)[0][complete]
     if len(target) < 4 * _FEWEST or not target.any():
@@ -433,16 +427,11 @@ class RecordSignals:
     def of(cls, record: Record) -> RecordSignals:
         """Those of a record; noise is what the record states, else estimated."""
         every = zip(record.channels, record.values.T, noise_sigma(record.values), strict=True)
-        noisy = (
-            (channel, values, float(record.noise.get(channel, sigma))) for channel, values, sigma in every
-        )
-        return cls(
-            record,
-            tuple(
-                ChannelSignal(channel, values, record.unit(channel), record.rate, record.start, sigma)
-                for channel, values, sigma in noisy
-            ),
-        )
+        signals = []
+        for channel, values, estimated in every:
+            sigma, unit = float(record.noise.get(channel, estimated)), record.unit(channel)
+            signals.append(ChannelSignal(channel, values, unit, record.rate, record.start, sigma))
+        return cls(record, tuple(signals))
 
     @property
     def moving(self) -> tuple[ChannelSignal, ...]:

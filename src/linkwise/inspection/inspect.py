@@ -13,10 +13,10 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, stretches
 from linkwise.errors import RecordError
+from linkwise.inspection.channel_faults import delay, drift, drift_at_rest, gain, offset, offset_at_rest
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
-from linkwise.inspection.relations import delay, drift, drift_at_rest, gain, offset, offset_at_rest
 from linkwise.inspection.result import Alert, ChannelSummary, Inspection
-from linkwise.inspection.samples import (
+from linkwise.inspection.sample_faults import (
     BUFFER,
     clipped,
     clipped_readings,
@@ -35,7 +35,7 @@ from linkwise.inspection.samples import (
     spikes,
     without_spikes,
 )
-from linkwise.inspection.spectra import aliasing, coloured, few_samples, hum, short, unit
+from linkwise.inspection.spectrum_faults import aliasing, coloured, few_samples, hum, short, unit
 from linkwise.records.channel import ClippedSamples
 from linkwise.records.joining import labels, record_list
 from linkwise.records.record import Record
@@ -43,32 +43,10 @@ from linkwise.registry import Registry
 
 Check = Callable[[RecordSignals], Iterable[Alert]]
 
-CHECKS: Registry[Check] = Registry(
-    "check",
-    {
-        "dead": dead,
-        "equal": equal,
-        "unit": unit,
-        "clipped": clipped,
-        "dropped": dropped,
-        "lost": lost,
-        "doubled": doubled,
-        "copied": copied,
-        "quantised": quantised,
-        "spikes": spikes,
-        "delay": delay,
-        "gain": gain,
-        "offset": offset,
-        "offset at rest": offset_at_rest,
-        "drift": drift,
-        "drift at rest": drift_at_rest,
-        "hum": hum,
-        "aliasing": aliasing,
-        "coloured": coloured,
-        "few-samples": few_samples,
-        "short": short,
-    },
-)
+CHECKS: tuple[Check, ...] = (
+    dead, equal, unit, clipped, dropped, lost, doubled, copied, quantised, spikes, delay, gain, offset, offset_at_rest, drift,
+    drift_at_rest, hum, aliasing, coloured, few_samples, short,
+)  # fmt: skip
 """Functions of the signals of a record that give alerts."""
 
 
@@ -146,7 +124,7 @@ def inspect(records: Record | Sequence[Record]) -> Inspection:
     for record, label in zip(given, labels(given), strict=True):
         signals = RecordSignals.of(record)
         channels += [summary(signal, label) for signal in signals.channels]
-        alerts += [replace(alert, record=label) for check in CHECKS.values() for alert in check(signals)]
+        alerts += [replace(alert, record=label) for check in CHECKS for alert in check(signals)]
     worst_first = sorted(alerts, key=lambda alert: -alert.error)
     return Inspection(given, tuple(channels), tuple(worst_first))
 

@@ -113,6 +113,12 @@ class LevelComparison(JudgedView):
         return np.asarray(self.frequencies / self.frequencies[0] - 1.0)
 
     @property
+    def _modes(self) -> Floats:
+        """(R, n, 4) frequency, its error, damping and its error."""
+        sizes = (self.frequencies, self.frequency_errors, self.damping, self.damping_errors)
+        return np.stack(sizes, axis=-1)
+
+    @property
     def lost(self) -> Bools:
         """(R, n) whether a mode could not be followed to a level, where what explains its record is no mode."""
         return np.asarray(self.damping <= _UNDAMPED)
@@ -182,8 +188,6 @@ class LevelComparison(JudgedView):
             "levels", lowest first, with "modes" each, "first_nonlinear", the label of a level or None, and verdicts.
         """
         first = self.first_nonlinear
-        sizes = (self.frequencies, self.frequency_errors, self.damping, self.damping_errors)
-        modes = np.stack(sizes, axis=-1)
         return {
             **self._judgement(),
             "levels": [
@@ -195,7 +199,7 @@ class LevelComparison(JudgedView):
                     "moved": list(self.moved(number)),
                     "modes": [
                         {"frequency": f, "frequency_error": df, "damping": d, "damping_error": dd}
-                        for f, df, d, dd in modes[number].tolist()
+                        for f, df, d, dd in self._modes[number].tolist()
                     ],
                     "distortion": None if distortion is None else vars(distortion),
                 }
@@ -266,15 +270,19 @@ def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     for level, label in enumerate(comparison.labels):
         moved = comparison.moved(level)
         for mode in range(comparison.frequencies.shape[1]):
-            f, df = comparison.frequencies[level, mode], comparison.frequency_errors[level, mode]
-            d, dd = 100.0 * comparison.damping[level, mode], 100.0 * comparison.damping_errors[level, mode]
             record = (label, f"{comparison.levels[level]:.3g}") if mode == 0 else ("", "")
             if comparison.lost[level, mode]:
                 rows.append((*record, str(mode + 1), *[""] * 4, "lost"))
                 continue
-            sizes = *format_both(float(f), float(df)), *format_both(float(d), float(dd))
+            sizes = _sizes(comparison._modes[level, mode].tolist())
             rows.append((*record, str(mode + 1), *sizes, "yes" if mode + 1 in moved else ""))
     return rows
+
+
+def _sizes(mode: Sequence[float]) -> tuple[str, ...]:
+    """Frequency and damping in % of a mode, each with its standard error."""
+    f, df, d, dd = mode
+    return *format_both(f, df), *format_both(100.0 * d, 100.0 * dd)
 
 
 def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
@@ -283,9 +291,8 @@ def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [title]
     for level, found in zip(comparison.levels, comparison.distortions, strict=True):
         if found is not None:
-            powers = (
-                "" if power is None else f"{power:.1f}" for power in (found.odd, found.even, found.noise)
-            )
+            sizes = (found.odd, found.even, found.noise)
+            powers = ("" if power is None else f"{power:.1f}" for power in sizes)
             rows.append((found.channel, f"{level:.3g}", f"{found.period:.4g}", *powers))
     return rows
 
@@ -296,10 +303,8 @@ def ring_down_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     for ring in comparison.ring_downs:
         places = np.unique(np.linspace(0, len(ring.amplitude) - 1, _ROWS).round().astype(int))
         for place in places.tolist():
-            f, df = float(ring.frequency[place]), float(ring.frequency_error[place])
-            d, dd = 100.0 * float(ring.damping[place]), 100.0 * float(ring.damping_error[place])
             named = (ring_name(ring), ring.channel) if place == 0 else ("", "")
-            sizes = *format_both(f, df), *format_both(d, dd)
+            sizes = _sizes([float(getattr(ring, name)[place]) for name in _OF_WINDOWS[1:]])
             rows.append((*named, f"{ring.amplitude[place]:.3g}", *sizes, ring.unit))
     return rows
 

@@ -8,9 +8,9 @@ from linkwise.plot.absorptions import map as map
 from linkwise.plot.discoveries import departures as departures
 from linkwise.plot.discoveries import evidence as evidence
 from linkwise.plot.discoveries import path as path
+from linkwise.plot.discovery_graph import graph as graph
 from linkwise.plot.estimates import residuals as residuals
 from linkwise.plot.estimates import shapes as shapes
-from linkwise.plot.graphs import graph as graph
 from linkwise.plot.levels import acceleration_surface as acceleration_surface
 from linkwise.plot.levels import distortion as distortion
 from linkwise.plot.levels import level_modes as level_modes

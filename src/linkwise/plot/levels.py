@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.colors import CenteredNorm, to_rgb
 from matplotlib.figure import Figure
 
 from linkwise.arrays import Indices
@@ -224,13 +224,8 @@ def ring_down(
         color = SERIES[(ring.mode - 1) % len(SERIES)]
         alike = [one.amplitude.max() for one in comparison.ring_downs if one.unit == ring.unit]
         times, unit = scale(float(max(alike)), ring.unit)
-        bars: dict[str, Any] = {
-            "fmt": ".",
-            "color": color,
-            "elinewidth": 0.8,
-            "label": label(ring_name(ring)),
-        }
-        axes.errorbar(times * ring.amplitude, values, 2.0 * errors, **bars)
+        bars: dict[str, Any] = {"fmt": ".", "elinewidth": 0.8, "label": label(ring_name(ring))}
+        axes.errorbar(times * ring.amplitude, values, 2.0 * errors, color=color, **bars)
         log_scale(axes, "x")
         axes.ticklabel_format(axis="y", useOffset=False)
         axes.set_xlabel(f"amplitude of {literal(ring.channel)}, {unit}")
@@ -302,14 +297,8 @@ def acceleration_surface(
             axes.plot(displacement, force[some], ".", color=SERIES[0], ms=2.0, label="at no velocity")
             axes.set_ylabel(of_force)
         else:
-            bound = float(np.abs(force).max())
-            style: dict[str, Any] = {
-                "s": 2.0,
-                "cmap": "RdBu_r",
-                "vmin": -bound,
-                "vmax": bound,
-                "rasterized": True,
-            }
+            even = CenteredNorm(halfrange=float(np.abs(force).max()))
+            style: dict[str, Any] = {"s": 2.0, "cmap": "RdBu_r", "norm": even, "rasterized": True}
             places = surface.displacement[some] * to_d, velocity[some] * to_v
             points = axes.scatter(*places, c=force[some], label="while no force acts", **style)
             axes.figure.colorbar(points, ax=axes, label=of_force)

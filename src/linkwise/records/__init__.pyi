@@ -7,7 +7,7 @@ from linkwise.records.joining import beside as beside
 from linkwise.records.joining import continued as continued
 from linkwise.records.joining import joined_by_time as joined_by_time
 from linkwise.records.joining import without_delays as without_delays
-from linkwise.records.periods import average_periods as average_periods
+from linkwise.records.period_average import average_periods as average_periods
 from linkwise.records.record import EnergyBalance as EnergyBalance
 from linkwise.records.record import MotionDiagnostics as MotionDiagnostics
 from linkwise.records.record import SimulationTruth as SimulationTruth

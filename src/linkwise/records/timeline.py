@@ -45,8 +45,7 @@ class Timeline:
         RecordError with the line for missing, repeated, decreasing and uneven times.
         """
         times = np.asarray(time, dtype=np.float64)
-        column = _TimeColumn(times, rows)
-        column.check_increasing()
+        _check_increasing(times, rows)
         steps = np.diff(times)
         median = float(np.median(steps))
         # of neighbours without a gap, averaged so that their rounding cancels
@@ -56,84 +55,79 @@ class Timeline:
         index = np.concatenate([[0], np.cumsum(multiples)]).astype(np.int64)
         step = float(np.dot(index - index.mean(), times - times.mean()) / np.sum((index - index.mean()) ** 2))
         resolution = _resolution(times, step)
-        column.check_even(index, step, np.maximum(JITTER * step, 1.01 * resolution))
+        _check_even(times, rows, index, step, np.maximum(JITTER * step, 1.01 * resolution))
         count = int(index[-1]) + 1
         if count > LONGEST * len(times):
             row = int(np.argmax(steps))
             gap = f"a gap of {steps[row]:g} s in a record of {len(times)} samples every {step:g} s"
-            raise column.error(row + 1, f"{gap}; split the file there")
+            raise rows.error(f"{gap}; split the file there", row + 1, "time")
         rate = _roundest_rate(times, index, step, float(resolution.max()))
-        return cls(float(times[0]), rate, index, count, tuple(column.notes(index, rate)))
+        return cls(float(times[0]), rate, index, count, tuple(_notes(times, index, rate)))
 
 
-@dataclass(frozen=True, eq=False)
-class _TimeColumn:
-    """Times (N,) in s as read, and where they stand."""
+def _check_increasing(times: Floats, rows: Rows) -> None:
+    """Raise RecordError for too few times, and for times that are missing, repeated or decreasing."""
+    if len(times) < MIN_SAMPLES:
+        message = f"{len(times)} samples are too few; a record needs at least {MIN_SAMPLES}"
+        raise RecordError(message, rows.file)
+    missing = np.flatnonzero(~np.isfinite(times))
+    if len(missing):
+        message = "the time is missing; fill it in or, if no row is missing, give the sampling rate instead (`rate`)"
+        raise rows.error(message, int(missing[0]), "time", ("rate",))
+    steps = np.diff(times)
+    if np.all(steps > 0.0):
+        return
+    row = int(np.argmax(steps <= 0.0))
+    time, previous = times[row + 1], times[row]
+    if time == previous:
+        repeated = f"the time {time:.12g} s is repeated; write more digits, remove one of the rows, or give the sampling"
+        raise rows.error(f"{repeated} rate (`rate`)", row + 1, "time", ("rate",))
+    message = (
+        f"time decreases from {previous:.12g} to {time:.12g} s; a file must hold one record, sorted by time"
+    )
+    raise rows.error(message, row + 1, "time")
 
-    times: Floats
-    rows: Rows
 
-    def error(self, row: int, message: str, *arguments: str) -> RecordError:
-        """An error about one row; `arguments` are those of `read_record` that would resolve it."""
-        return self.rows.error(message, row, "time", arguments)
+def _check_even(times: Floats, rows: Rows, index: NDArray[np.int64], step: float, tolerance: Floats) -> None:
+    """Raise RecordError unless times and steps are within the `tolerance` (N,) in s of the grid `index` * `step`."""
+    steps, counts = np.diff(times), np.diff(index)
+    of_steps = np.maximum(tolerance[1:], tolerance[:-1])
+    usual = float(np.median(steps))
+    uneven = np.abs(steps - counts * step) > 2.0 * of_steps
+    advice = "resample it to an even rate (`resample`)"
+    wrong = uneven & (np.abs(steps - counts * usual) > 2.0 * of_steps)
+    if np.any(wrong):
+        row = int(np.argmax(wrong))
+        message = f"uneven time: a step of {steps[row]:.6g} s where {usual:.6g} s was expected; {advice}"
+        raise rows.error(message, row + 1, "time", ("resample",))
+    deviation = times - times[0] - index * step
+    deviation -= np.median(deviation)
+    if np.any(uneven) or np.any(np.abs(deviation) > 2.0 * tolerance):
+        row = int(np.argmax(np.abs(deviation)))
+        time = times[row]
+        message = (
+            f"uneven time: {time:.9g} s is {deviation[row]:.3g} s off an even grid of {step:.9g} s; {advice}"
+        )
+        raise rows.error(message, row, "time", ("resample",))
 
-    def check_increasing(self) -> None:
-        """Raise RecordError for too few times, and for times that are missing, repeated or decreasing."""
-        if len(self.times) < MIN_SAMPLES:
-            message = f"{len(self.times)} samples are too few; a record needs at least {MIN_SAMPLES}"
-            raise RecordError(message, self.rows.file)
-        missing = np.flatnonzero(~np.isfinite(self.times))
-        if len(missing):
-            message = "the time is missing; fill it in or, if no row is missing, give the sampling rate instead (`rate`)"
-            raise self.error(int(missing[0]), message, "rate")
-        steps = np.diff(self.times)
-        if np.all(steps > 0.0):
-            return
-        row = int(np.argmax(steps <= 0.0))
-        time, previous = self.times[row + 1], self.times[row]
-        if time == previous:
-            repeated = f"the time {time:.12g} s is repeated; write more digits, remove one of the rows, or give the sampling"
-            raise self.error(row + 1, f"{repeated} rate (`rate`)", "rate")
-        message = f"time decreases from {previous:.12g} to {time:.12g} s; a file must hold one record, sorted by time"
-        raise self.error(row + 1, message)
 
-    def check_even(self, index: NDArray[np.int64], step: float, tolerance: Floats) -> None:
-        """Raise RecordError unless times and steps are within the `tolerance` (N,) in s of the grid `index` * `step`."""
-        steps, counts = np.diff(self.times), np.diff(index)
-        of_steps = np.maximum(tolerance[1:], tolerance[:-1])
-        usual = float(np.median(steps))
-        uneven = np.abs(steps - counts * step) > 2.0 * of_steps
-        advice = "resample it to an even rate (`resample`)"
-        wrong = uneven & (np.abs(steps - counts * usual) > 2.0 * of_steps)
-        if np.any(wrong):
-            row = int(np.argmax(wrong))
-            message = f"uneven time: a step of {steps[row]:.6g} s where {usual:.6g} s was expected; {advice}"
-            raise self.error(row + 1, message, "resample")
-        deviation = self.times - self.times[0] - index * step
-        deviation -= np.median(deviation)
-        if np.any(uneven) or np.any(np.abs(deviation) > 2.0 * tolerance):
-            row = int(np.argmax(np.abs(deviation)))
-            time = self.times[row]
-            message = f"uneven time: {time:.9g} s is {deviation[row]:.3g} s off an even grid of {step:.9g} s; {advice}"
-            raise self.error(row, message, "resample")
-
-    def notes(self, index: NDArray[np.int64], rate: float) -> list[str]:
-        """What was assumed in fitting the grid, one sentence each."""
-        notes = []
-        deviation = float(np.max(np.abs(self.times - self.times[0] - index / rate)))
-        if deviation > JITTER / rate:
-            notes.append(
-                f"The times are up to {deviation:.2g} s off an even grid, as rounding causes; {rate:.9g} Hz was assumed."
-            )
-        missing = np.diff(index) - 1
-        gaps = np.flatnonzero(missing)
-        if len(gaps):
-            where, added = f"the first after {self.times[gaps[0]]:.9g} s", int(np.sum(missing))
-            notes.append(f"Gaps in time: {len(gaps)}, {where}; {added} rows were added as missing samples.")
-        if 1.0 / rate >= SLOW:
-            advice = "If the times are in ms, name their column time[ms]."
-            notes.append(f"The sampling interval is {1.0 / rate:g} s. {advice}")
-        return notes
+def _notes(times: Floats, index: NDArray[np.int64], rate: float) -> list[str]:
+    """What was assumed in fitting the grid, one sentence each."""
+    notes = []
+    deviation = float(np.max(np.abs(times - times[0] - index / rate)))
+    if deviation > JITTER / rate:
+        notes.append(
+            f"The times are up to {deviation:.2g} s off an even grid, as rounding causes; {rate:.9g} Hz was assumed."
+        )
+    missing = np.diff(index) - 1
+    gaps = np.flatnonzero(missing)
+    if len(gaps):
+        where, added = f"the first after {times[gaps[0]]:.9g} s", int(np.sum(missing))
+        notes.append(f"Gaps in time: {len(gaps)}, {where}; {added} rows were added as missing samples.")
+    if 1.0 / rate >= SLOW:
+        advice = "If the times are in ms, name their column time[ms]."
+        notes.append(f"The sampling interval is {1.0 / rate:g} s. {advice}")
+    return notes
 
 
 def _resolution(times: Floats, step: float) -> Floats:
@@ -210,15 +204,10 @@ _ABOVE_FLOOR = 4.0  # times the power density of what is above the filter
 
 @dataclass(frozen=True, eq=False)
 class Lowpass:
-    """A symmetric filter of `length` = 2 `half` + 1 taps that keeps every `factor`-th of its outputs."""
+    """A symmetric filter of 2 `half` + 1 taps that keeps every `factor`-th of its outputs."""
 
     factor: int
     taps: Floats
-
-    @property
-    def length(self) -> int:
-        """Number of taps: samples that enter one output."""
-        return len(self.taps)
 
     @property
     def half(self) -> int:
@@ -244,7 +233,7 @@ class Lowpass:
         size = 1 << (len(values) - 1).bit_length()
         spectrum = np.fft.rfft(values, size, axis=0) * np.fft.rfft(self.taps, size)[:, np.newaxis]
         filtered = np.fft.irfft(spectrum, size, axis=0)
-        return np.ascontiguousarray(filtered[self.length - 1 : len(values) : self.factor])
+        return np.ascontiguousarray(filtered[2 * self.half : len(values) : self.factor])
 
 
 @lru_cache(maxsize=16)
@@ -308,9 +297,10 @@ def lowpass_for(
                 channel=name,
             )
     antialias = lowpass(factor)
-    if len(missing) < antialias.length:
-        message = f"{len(missing)} samples are too few to decimate by {factor}: its anti-alias filter spans {antialias.length}"
-        raise RecordError(message)
+    if len(missing) < (taps := len(antialias.taps)):
+        raise RecordError(
+            f"{len(missing)} samples are too few to decimate by {factor}: its anti-alias filter spans {taps}"
+        )
     return antialias
 
 
@@ -334,7 +324,7 @@ def resample_evenly(
     above `FINEST` times it, and for any above that of even times.
     """
     times = np.asarray(time, dtype=np.float64)
-    _TimeColumn(times, rows).check_increasing()
+    _check_increasing(times, rows)
     mean = (len(times) - 1) / (times[-1] - times[0])
     even = bool(np.all(np.abs(np.diff(times) * mean - 1.0) < EVEN))
     wrong = ""

@@ -34,9 +34,9 @@ from linkwise.plot.absorptions import (
     trade_off,
 )
 from linkwise.plot.style import single
-from linkwise.report.folder import ResultFolder, Section, csv_table
-from linkwise.report.page import Head, sectioned
 from linkwise.report.response import amplitude_sections
+from linkwise.report.result_folder import ResultFolder, Section, csv_table
+from linkwise.report.result_page import Head, sectioned
 
 
 def _sections(result: Answer) -> dict[str, Section]:

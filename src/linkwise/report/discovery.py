@@ -34,11 +34,11 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.scoring import align_truth, term_score
 from linkwise.model.structure import Structure
 from linkwise.plot.discoveries import departures, evidence_figure, path_figure
-from linkwise.plot.graphs import graph_figure
+from linkwise.plot.discovery_graph import graph_figure
 from linkwise.plot.style import single
 from linkwise.report.estimate import estimate_figures, page_parts, write_numbers
-from linkwise.report.folder import Reported, ResultFolder, Section, csv_table
-from linkwise.report.page import rendered
+from linkwise.report.result_folder import Reported, ResultFolder, Section, csv_table
+from linkwise.report.result_page import rendered
 from linkwise.verdict import admit_intervals
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")

@@ -35,8 +35,9 @@ from linkwise.plot.estimates import OVERLAID, fit_figure, residuals_figure
 from linkwise.plot.links import comparison_figure, force_figure, loop, loop_figure
 from linkwise.plot.records import histories_figure
 from linkwise.registry import Registry
-from linkwise.report.folder import Reported, ResultFolder, Section, write_graded
-from linkwise.report.page import Head, lengths_as_in_figures, rendered, sectioned
+from linkwise.report.figure_units import lengths_as_in_figures
+from linkwise.report.result_folder import Reported, ResultFolder, Section, write_graded
+from linkwise.report.result_page import Head, rendered, sectioned
 from linkwise.verdict import Basis, Grade, status_of
 
 if TYPE_CHECKING:

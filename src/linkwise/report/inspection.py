@@ -27,8 +27,9 @@ from linkwise.plot.levels import (
 from linkwise.plot.records import coherences_figure, histories_figure, spectra_figure, spectrograms_figure
 from linkwise.plot.style import single
 from linkwise.records.joining import labels
-from linkwise.report.folder import Section
-from linkwise.report.page import Head, in_units_of_figures, sectioned
+from linkwise.report.figure_units import in_units_of_figures
+from linkwise.report.result_folder import Section
+from linkwise.report.result_page import Head, sectioned
 
 PICTURED = 8  # records with figures; the others have their table
 

@@ -12,8 +12,8 @@ from linkwise.output import BACKBONE, BASINS, RESPONSE
 from linkwise.plot.responses import backbone_figure, basins_figure, response_figure
 from linkwise.plot.style import scale
 from linkwise.records.channel_units import unit_in
-from linkwise.report.folder import ResultFolder, Section, csv_table
-from linkwise.report.page import Head, sectioned
+from linkwise.report.result_folder import ResultFolder, Section, csv_table
+from linkwise.report.result_page import Head, sectioned
 from linkwise.response.backbone import Backbone, backbone_headline, backbone_rows
 from linkwise.response.basins_of_attraction import Basins, basins_headline, basins_rows
 from linkwise.response.result import Branch, Response, headline, mirrored, peak_rows

@@ -28,8 +28,8 @@ from linkwise.paper.tables import NEAR, Claim, PaperStudy, Table2, claims, expla
 from linkwise.plot.studies import accuracy_figure, success_figure
 from linkwise.plot.style import save
 from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.report.folder import csv_table, embedded
-from linkwise.report.page import rendered
+from linkwise.report.result_folder import csv_table, embedded
+from linkwise.report.result_page import rendered
 from linkwise.sindy.conventions import MEANING
 from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.definition import Study

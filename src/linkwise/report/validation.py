@@ -23,8 +23,9 @@ from linkwise.plot.validations import (
     prediction_profile_figure,
     prediction_spectrum_figure,
 )
-from linkwise.report.folder import ResultFolder, Section
-from linkwise.report.page import Head, in_units_of_figures, sectioned
+from linkwise.report.figure_units import in_units_of_figures
+from linkwise.report.result_folder import ResultFolder, Section
+from linkwise.report.result_page import Head, sectioned
 
 
 def _sections(validation: Validation) -> dict[str, Section]:

@@ -21,7 +21,7 @@ from linkwise.errors import LinkwiseError
 from linkwise.estimates.causes import DEGREES, SLIP, Cause
 from linkwise.inspection.channel_signal import RecordSignals
 from linkwise.inspection.inspect import inspect, without_copies
-from linkwise.inspection.samples import rails
+from linkwise.inspection.sample_faults import rails
 from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.whiteness import is_white

@@ -11,7 +11,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
 from linkwise.inspection.result import Alert
-from linkwise.inspection.samples import without_spikes
+from linkwise.inspection.sample_faults import without_spikes
 from linkwise.signals.force_window import UNDERSAMPLED, coarse_hits, coarseness
 
 _MAINS = (50.0, 60.0)  # Hz

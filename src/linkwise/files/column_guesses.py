@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from linkwise.display import on_one_line
-from linkwise.files.assemble import mapped, numbers, recognised
 from linkwise.files.mapping import RecordMapping
 from linkwise.files.table import ColumnHeader, Table
+from linkwise.files.table_to_record import mapped, numbers, recognised
 from linkwise.model.toml import toml_text
 from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, is_angular
 from linkwise.units import converts, factor_to_si
@@ -134,11 +134,10 @@ def _guess_time(table: Table, headers: Mapping[int, ColumnHeader], guesses: dict
         named = _TIMES.match(header.name) and converts(header.unit or "s", "s")
         if not guesses[number].name and named and "time" not in _names(guesses):
             guesses[number] = replace(guesses[number], name="time", why="name")
-    even = (
-        number for number in headers if not guesses[number].name and _is_clock(table.columns[number].values)
-    )
-    if "time" not in _names(guesses) and table.rate is None and (first := next(even, None)) is not None:
-        guesses[first] = replace(guesses[first], name="time", why="values")
+    unnamed = [number for number in headers if not guesses[number].name]
+    even = [number for number in unnamed if _is_clock(table.columns[number].values)]
+    if even and "time" not in _names(guesses) and table.rate is None:
+        guesses[even[0]] = replace(guesses[even[0]], name="time", why="values")
     for number, header in headers.items():
         if guesses[number].name == "time" and not guesses[number].unit:
             unsaid = () if _is_plausible(table, number, header.unit) else (NO_UNIT,)
