@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from problems import chain_record
-from record_faults import Fault, chain, faulty, forced, kinds
+from record_faults import Fault, chain, changed, faulty, forced, kinds, without
 from structures import oscillator
 
 import linkwise as lw
@@ -146,10 +146,8 @@ def test_a_hit_of_few_samples_does_not_tell_its_impulse(samples: int, is_told: b
 def test_a_short_record_is_told_and_the_worst_comes_first() -> None:
     assert kinds(ring_down(40.0).select(["x:m1"]).between(0.0, 0.15)) == {"short"}
     record = chain(2, 40.0)
-    values = record.values.copy()
-    values[:, 0] = 0.0
-    values[300, 1] = np.nan
-    alerts = lw.inspect(lw.Record(0.0, record.rate, record.channels, values)).alerts
+    first, second = map(str, record.channels[:2])
+    alerts = lw.inspect(without(changed(record, **{first: 0.0}), **{second: 300})).alerts
     assert [alert.kind for alert in alerts] == ["dead", "dropped"]
     assert alerts[0].error > alerts[1].error > 0.0
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy
 from matplotlib.lines import Line2D
+from record_faults import without
 from structures import oscillator, row_of_masses
 
 import linkwise as lw
@@ -46,14 +47,6 @@ def released(cubic: float, rate: float = 256.0) -> lw.Record:
     structure = row_of_masses([1.0, 0.5], ground=("k*d + c*v", {"k": 3e3, "c": 1.0}), joint=joint)
     release = {"v:m1": -0.2, "v:m2": 0.3}
     return lw.simulate(structure, release=release, duration=12.0, rate=rate, sensors=["a:m1", "a:m2"])
-
-
-def without(record: lw.Record, **samples: slice) -> lw.Record:
-    """The record without some samples of channels, KIND_MASS."""
-    values = record.values.copy()
-    for name, missing in samples.items():
-        values[missing, record.channels.index(name.replace("_", ":"))] = np.nan
-    return replace(record, values=values)
 
 
 def linear_frequencies() -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import PROBLEMS, chain_record, parsed
+from record_faults import without
 from rigs import hysteretic, measured, run
 from structures import beam_of_one_mode, link, oscillator
 
@@ -74,11 +75,9 @@ def test_clipped_samples_of_what_is_no_response_are_refused() -> None:
 def two_rates(every: int, first: int = 0) -> lw.Record:
     """The paper's chain at 1000 Hz, its sink at a part of that rate; 30 dB."""
     record = chain_record(2).with_noise(30.0, seed=31)
-    values = record.values.copy()
     missing = np.ones(len(record), dtype=bool)
     missing[first::every] = False
-    values[missing, 1] = np.nan
-    return replace(record, values=values)
+    return without(record, **{str(record.channels[1]): missing})
 
 
 @pytest.mark.parametrize("every", [2, 5])
@@ -211,18 +210,11 @@ def _on_host() -> tuple[lw.Record, lw.Structure]:
     return _beam(SPRING), beam_of_one_mode(SPRING, damping=0.01).unknown("all")
 
 
-def _lacking(record: lw.Record) -> lw.Record:
-    """The record without two samples of its input."""
-    values = record.values.copy()
-    values[[20, 60], record.channels.index(record.inputs[0])] = np.nan
-    return replace(record, values=values)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [_driven, _carried, _on_rig, _on_host])
 def test_every_method_refuses_a_gap_in_an_input(case: Callable[[], tuple[lw.Record, lw.Structure]]) -> None:
     record, structure = case()
-    lacking = _lacking(record)
+    lacking = without(record, **{record.inputs[0]: [20, 60]})
     with pytest.raises(lw.IdentificationError) as error:
         lw.identify(lacking, structure, method="ml")
     first, end = (f"{row / record.rate:.9g}" for row in (20, len(record) - 1))
@@ -241,9 +233,7 @@ def test_every_method_refuses_a_gap_in_an_input(case: Callable[[], tuple[lw.Reco
 )
 def test_the_longest_piece_without_a_gap_is_named(missing: list[int], longest: tuple[int, int]) -> None:
     record = PROBLEMS["two masses, 20 dB"].clean[100:110]
-    values = record.values.copy()
-    values[missing, 0] = np.nan
-    lacking = replace(record, values=values, simulated=None)
+    lacking = without(record, x_m1=missing)
     with pytest.raises(lw.IdentificationError) as error:
         require_complete("x:m1", lacking.channel("x:m1"), lacking.start, lacking.rate)
     named = str(error.value).partition("record.between(")[2].partition(")")[0]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from record_faults import changed, without
 from structures import oscillator
 
 import linkwise as lw
@@ -37,27 +38,23 @@ def test_noise_follows_from_the_scatter() -> None:
 
 def test_periods_that_have_not_settled_are_left_out() -> None:
     record = repeated(0.01)
-    values = record.values.copy()
-    values[:, 0] += 0.5 * np.exp(-T / 0.7)  # 3 % of that are left after one period, 0.2 % after two
-    averaged = lw.records.average_periods(replace(record, values=values), PERIOD)
+    ringing = 0.5 * np.exp(-T / 0.7)  # 3 % of that are left after one period, 0.2 % after two
+    averaged = lw.records.average_periods(changed(record, x_m1=lambda x: x + ringing), PERIOD)
     assert "Averaged over 6 periods of 2 s" in averaged.notes[-1]
     assert "the first 2 were left out, in which the motion had not settled" in averaged.notes[-1]
 
 
 def test_a_missing_sample_is_averaged_over_the_other_periods() -> None:
     record = repeated(0.01)
-    values = record.values.copy()
-    values[5, 0] = np.nan
-    values[SIZE - 1 :: SIZE, 0] = np.nan
-    averaged = lw.records.average_periods(replace(record, values=values), PERIOD)
+    lacking = without(record, x_m1=[5, *range(SIZE - 1, len(record), SIZE)])
+    averaged = lw.records.average_periods(lacking, PERIOD)
     assert averaged.missing.sum() == 1 and averaged.missing[-1, 0]
 
 
 def test_motion_that_does_not_repeat_is_told() -> None:
     record = repeated(0.01)
-    values = record.values.copy()
-    values[:, 0] += 0.1 * np.sin(2.0 * np.pi * 3.3 / PERIOD * T)  # the force repeats, the motion does not
-    averaged = lw.records.average_periods(replace(record, values=values), PERIOD)
+    other = 0.1 * np.sin(2.0 * np.pi * 3.3 / PERIOD * T)  # the force repeats, the motion does not
+    averaged = lw.records.average_periods(changed(record, x_m1=lambda x: x + other), PERIOD)
     assert "x:m1: the last two periods differ by more than white noise" in averaged.notes[-1]
     assert not any("differ" in note for note in lw.records.average_periods(record, PERIOD).notes)
 
