@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import refusal
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.cli import run
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -39,15 +39,15 @@ def test_a_record_given_twice_is_refused(record: lw.Record) -> None:
 
 
 def test_the_same_file_with_with_is_refused(
-    record: lw.Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    record: lw.Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     lw.write_record(record, "run.csv")
     lw.write_record(record, "copy.h5")
     lw.write_structure(CHAIN.unknown("nes"), "unknown.toml")
     for again in ("run.csv", "copy.h5"):
-        assert run(["identify", "run.csv", "unknown.toml", "--with", again]) == 2
-        assert "records 1 and 2 (run.csv) hold the same samples" in capsys.readouterr().err
+        message = refusal(f"identify run.csv unknown.toml --with {again}")
+        assert "records 1 and 2 (run.csv) hold the same samples" in message
 
 
 @pytest.mark.slow

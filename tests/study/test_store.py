@@ -14,6 +14,7 @@ from small_study import small
 
 import linkwise as lw
 from linkwise.study.store import DATABASE, open_store
+from linkwise.study.subject import FAILED, WORKER_DIED
 
 HOLD = """
 import sys, time
@@ -74,6 +75,13 @@ def test_rows_come_back_as_they_went_in(tmp_path: Path, study: lw.study.Study) -
     two = ("bnes2", 40)
     assert keys[:3] == [(*two, "weak", 1000), (*two, "weak", 1001), (*two, "classical, states", 1000)]
     assert lw.study.stored_study(folder).text() == study.text()
+
+
+def test_a_case_is_done_unless_its_worker_died(tmp_path: Path, study: lw.study.Study) -> None:
+    died, diverged, *_ = rows_of(study)
+    with open_store(tmp_path / "out", study) as store:
+        store.add([replace(died, status=WORKER_DIED), replace(diverged, status=FAILED, reason="it diverged")])
+        assert store.done() == {diverged.case}
 
 
 def test_the_lock_dies_with_its_process(tmp_path: Path, study: lw.study.Study) -> None:
