@@ -11,6 +11,7 @@ import scipy
 from present import present
 from problems import chain_record
 from random_signals import random_force
+from record_faults import changed
 from structures import (
     host,
     link,
@@ -35,14 +36,6 @@ LOST, FOUND = (5.0, 0.2)
 
 
 CHAIN = lw.bnes_chain(2)
-
-
-def changed(record: lw.Record, **channels: np.ndarray) -> lw.Record:
-    """The record with other samples in channels, whose names have an underscore for the colon."""
-    values = record.values.copy()
-    for name, samples in channels.items():
-        values[:, record.channels.index(name.replace("_", ":"))] = samples
-    return replace(record, values=values, simulated=None)
 
 
 def faulty(change: Callable[[np.ndarray, lw.Record], np.ndarray]) -> lw.Record:
@@ -397,8 +390,7 @@ def test_a_robust_loss_takes_them_as_missing_and_says_so() -> None:
 def test_a_late_channel_keeps_them_as_it_is_shifted() -> None:
     record = lw.inspection.mark_missing(clipped(0.6, 30.0, seed=85).between(0.0, 2.0))
     late = {"x:m1": 4}
-    values = record.values.copy()
-    values[4:, 0] = values[:-4, 0]
-    fit = lw.identify(replace(record, values=values), CHAIN.unknown("nes"), delays=tuple(late))
+    behind = changed(record, x_m1=lambda x: np.append(x[:4], x[:-4]))
+    fit = lw.identify(behind, CHAIN.unknown("nes"), delays=tuple(late))
     assert fit.trusted
     assert not any("as bounds" in remark for remark in fit.remarks)

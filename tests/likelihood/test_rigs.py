@@ -1,12 +1,12 @@
 """Identification of links alone on a rig: states, intervals, offsets, verdicts and refusals."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy
 from present import present
+from record_faults import changed
 from rigs import BOUC_WEN, hysteretic, measured, rig, run
 from structures import link, named, structure
 from within import assert_within, errors, of
@@ -87,9 +87,7 @@ def test_friction_of_bristles_is_found_without_starts() -> None:
 @pytest.mark.slow
 def test_a_zero_error_of_the_load_cell_is_diagnosed_and_found(record: lw.Record) -> None:
     noisy = measured(record, 1)
-    values = noisy.values.copy()
-    values[:, noisy.channels.index("f:damper")] += 5.0
-    off = replace(noisy, values=values)
+    off = changed(noisy, f_damper=lambda x: x + 5.0)
     unknown = hysteretic().unknown("damper")
     fit = lw.identify(off, unknown, as_stated=True)
     assert fit.verdicts[0] is Verdict.MEASUREMENT_ERROR
@@ -105,9 +103,7 @@ def test_a_zero_error_of_the_load_cell_is_diagnosed_and_found(record: lw.Record)
 def test_a_zero_error_of_the_displacement_of_a_cubic_spring() -> None:
     law, values = "k*d + k3*d**3 + c*v", {"k": 2000.0, "k3": 4e7, "c": 50.0}
     noisy = measured(run(rig(law, values)), 2)
-    shifted = noisy.values.copy()
-    shifted[:, noisy.channels.index("x:base")] += 1e-3
-    record = replace(noisy, values=shifted)
+    record = changed(noisy, x_base=lambda x: x + 1e-3)
     fit = lw.identify(record, rig(law, values).unknown("damper"), offsets=["x:base", "f:damper"])
     assert fit.trusted
     interval = fit.coefficient("damper.k3").interval
@@ -199,10 +195,8 @@ def test_records_with_different_load_cells_are_refused() -> None:
     [("f:damper", np.nan, "f:damper has no sample"), ("x:base", 0.01, "x:base does not change")],
 )
 def test_useless_channels_are_refused(record: lw.Record, channel: str, value: float, message: str) -> None:
-    values = record.values.copy()
-    values[:, record.channels.index(channel)] = value
     with pytest.raises(lw.IdentificationError, match=message):
-        lw.identify(replace(record, values=values, simulated=None), hysteretic().unknown("damper"))
+        lw.identify(changed(record, **{channel: value}), hysteretic().unknown("damper"))
 
 
 def test_other_doors_refuse_a_rig() -> None:
