@@ -5,17 +5,17 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import nptdms
 import numpy as np
 import pyarrow
 import pytest
-import pyuff
+from foreign_files import Response, lab_view, matlab_v73, universal
 from present import some
 from pyarrow import parquet
 from scipy.io import savemat, whosmat
 
 from linkwise.errors import RecordError
 from linkwise.files import read_record, write_record
+from linkwise.records.channel import SensorUncertainty
 from linkwise.records.record import Record
 
 N = 200
@@ -30,11 +30,15 @@ KEEPING = WRITTEN[1:]  # the formats that keep noise, source and notes
 
 @pytest.fixture
 def record() -> Record:
-    values = np.random.default_rng(0).standard_normal((N, 4)) * [1.0, 1e-9, 1e12, 1.0]
+    values = np.random.default_rng(0).standard_normal((N, 6)) * [1.0, 1e-9, 1e12, 1.0, 1.0, 1.0]
     values[7, 1] = np.nan
     values[50:60] = np.nan
-    names = ("x:m1", "a:left arm-2", "force:m1", "v:base")
+    names = ("x:m1", "a:left arm-2", "force:m1", "v:base", "f:link", "state:link.V")
     stated: dict[str, Any] = {"noise": {"a:left arm-2": 0.25}, "interpolation": {"force:m1": "held"}}
+    stated["uncertainty"] = {
+        "x:m1": SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf),
+        "common": SensorUncertainty(gain=0.02),
+    }
     return Record(0.3, 100.0 * np.pi, names, values, source="rig", notes=("As built.",), **stated)
 
 
@@ -59,6 +63,7 @@ def test_there_and_back_nothing_changes(record: Record, tmp_path: Path, suffix: 
         assert again.noise == {"a:left arm-2": 0.25}
         assert again.source == "rig"
         assert again.interpolation == {"force:m1": "held"}
+        assert again.uncertainty == record.uncertainty
         assert again.notes[0] == "As built."
         assert not any("ignored" in note for note in again.notes)
 
@@ -167,39 +172,6 @@ def test_mat_v5_variables_structs_matrices_and_rates(tmp_path: Path) -> None:
     assert record.notes == ("Columns that are not channels were ignored: a_1, v_max.",)
 
 
-def matlab_v73(path: Path, variables: dict[str, Any]) -> None:
-    """A file as MATLAB's `save -v7.3` lays it out: 512 bytes of header, arrays transposed, text as numbers."""
-
-    def put(group: h5py.Group, name: str, value: Any) -> None:
-        if isinstance(value, dict):
-            struct = group.create_group(name)
-            struct.attrs["MATLAB_class"] = np.bytes_("struct")
-            for field, member in value.items():
-                put(struct, field, member)
-        elif isinstance(value, str):
-            codes = np.frombuffer(value.encode("utf-16-le"), np.uint16)[:, np.newaxis]
-            group.create_dataset(name, data=codes).attrs["MATLAB_class"] = np.bytes_("char")
-        elif isinstance(value, list):
-            references = np.empty((len(value), 1), dtype=h5py.ref_dtype)
-            for i, member in enumerate(value):
-                put(file["#refs#"], f"{name}{i}", member)
-                references[i, 0] = file["#refs#"][f"{name}{i}"].ref
-            cells = group.create_dataset(name, data=references, dtype=h5py.ref_dtype)
-            cells.attrs["MATLAB_class"] = np.bytes_("cell")
-        else:
-            item = group.create_dataset(name, data=np.atleast_2d(value).T)
-            item.attrs["MATLAB_class"] = np.bytes_("double")
-
-    with h5py.File(path, "w", userblock_size=512) as file:
-        file.create_group("#refs#")
-        for name, value in variables.items():
-            put(file, name, value)
-        empty = file.create_dataset("nothing", data=np.zeros(2, np.uint64))
-        empty.attrs["MATLAB_class"], empty.attrs["MATLAB_empty"] = np.bytes_("double"), 1
-    with open(path, "r+b") as raw:
-        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-
-
 def test_mat_v73(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     run = {"comment": "as measured", "gain": 2.0, "force_m1": F[:, np.newaxis]}
@@ -251,14 +223,8 @@ def test_mat_names_stay_apart_and_within_matlabs_length(tmp_path: Path) -> None:
 def test_hdf5_flat_data_sets_with_units(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     with h5py.File(path, "w") as file:
-        for name, value in (
-            ("t", T),
-            ("x:m1", 1e3 * X),
-            ("a:m2", A),
-            ("force:m1", F),
-            ("label", "as measured"),
-        ):
-            file[name] = value
+        file["t"], file["x:m1"], file["a:m2"], file["force:m1"] = T, 1e3 * X, A, F
+        file["label"] = "as measured"
         file["x:m1"].attrs["units"] = b"mm"
         file["a:m2"].attrs["unit"] = "m/s^2"
     record = read_record(path)
@@ -300,62 +266,34 @@ def test_parquet_with_nulls_integers_and_text(tmp_path: Path) -> None:
         read_record(path)
 
 
-UNITS = ("len_unit_exp", "force_unit_exp", "temp_unit_exp", "spec_data_type")
-
-
-def universal(path: Path, sets: list[tuple[Any, ...]]) -> None:
-    """A universal file of type-58 sets: (id line, values, quantity code, node, unit, even step or None for T)."""
-    axes = ("abscissa", "ordinate", "orddenom", "z_axis")
-    none: dict[str, Any] = {f"{axis}_{unit}": 0 for axis in axes for unit in UNITS}
-    none |= {f"{axis}_axis_units_lab": "NONE" for axis in axes} | {f"id{k}": "NONE" for k in range(2, 6)}
-    for i, (label, values, quantity, node, unit, step) in enumerate(sets):
-        data = {
-            **none, "type": 58, "binary": 0, "id1": label, "func_type": 1, "ver_num": 1, "load_case_id": 0,
-            "rsp_ent_name": "NONE", "rsp_node": node, "rsp_dir": 3, "ref_ent_name": "NONE", "ref_node": 0, "ref_dir": 0,
-            "ord_data_type": 4, "num_pts": len(values), "abscissa_spacing": 0 if step is None else 1, "abscissa_min": 0.0,
-            "abscissa_inc": step or 0.0, "ordinate_spec_data_type": quantity, "ordinate_axis_units_lab": unit,
-            "z_axis_value": 0.0, "abscissa_spec_data_type": 17, "x": T if step is None else np.arange(N) * step,
-            "data": values,
-        }  # fmt: skip
-        pyuff.UFF(str(path)).write_sets(data, "overwrite" if i == 0 else "add")
-
-
 def test_uff_58_by_name_by_node_and_by_mapping(tmp_path: Path) -> None:
     path = tmp_path / "run.uff"
-    hammer, step = ("hammer", F, 13, 1, "N", 1.0 / RATE), 1.0 / RATE
-    universal(path, [("x:m1", 1e3 * X, 8, 1, "mm", step), ("NONE", A, 12, 2, "m/s^2", step), hammer])
+    step = 1.0 / RATE
+    hammer = Response("hammer", F, step, 13, 1, "N")
+    universal(
+        path,
+        [Response("x:m1", 1e3 * X, step, 8, unit="mm"), Response("NONE", A, step, 12, 2, "m/s^2"), hammer],
+    )
     record = read_record(path, channels={"force:m1": "hammer"})
     assert record.channels == ("force:m1", "x:m1", "a:2")
     assert record.rate == RATE
     # The ASCII format is written with 12 significant digits.
     for name, expected in (("x:m1", X), ("a:2", A), ("force:m1", F)):
         assert record.channel(name) == pytest.approx(expected, rel=1e-11, abs=1e-15)
-    universal(path, [("x:m1", X, 8, 1, "m", step), ("x:m2", A, 8, 2, "m", 0.5 / RATE)])
+    universal(path, [Response("x:m1", X, step, unit="m"), Response("x:m2", A, 0.5 / RATE, unit="m")])
     with pytest.raises(RecordError, match=r"channel x:m2\[m\]: has a different time axis than x:m1\[m\]"):
         read_record(path)
 
 
-@pytest.mark.parametrize(("step", "rate"), [(1.0 / 48000.0, 48000.0), (None, RATE)])
-def test_uff_58_rate_from_six_digits_or_a_time_column(
-    tmp_path: Path, step: float | None, rate: float
-) -> None:
-    universal(tmp_path / "run.unv", [("x:m1", X, 8, 1, "m", step)])
+@pytest.mark.parametrize(("step", "rate"), [(1.0 / 48000.0, 48000.0), (T, RATE)])
+def test_uff_58_rate_from_six_digits_or_a_time_column(tmp_path: Path, step: Any, rate: float) -> None:
+    universal(tmp_path / "run.unv", [Response("x:m1", X, step)])
     record = read_record(tmp_path / "run.unv")
     assert record.rate == rate
     assert record.channel("x:m1") == pytest.approx(X, rel=1e-11, abs=1e-15)
 
 
 STRAIN = Path(__file__).parents[3] / "shared" / "cases" / "tdms-strain"
-
-
-def lab_view(path: Path, channels: dict[str, tuple[Any, str]], **properties: Any) -> None:
-    """A TDMS file of one group `rig`: name -> (values, unit)."""
-    objects = [
-        nptdms.ChannelObject("rig", name, values, {**properties, **({"unit_string": unit} if unit else {})})
-        for name, (values, unit) in channels.items()
-    ]
-    with nptdms.TdmsWriter(str(path)) as writer:
-        writer.write_segment(objects)
 
 
 def test_tdms_with_a_waveform_step_with_a_time_channel_and_with_a_text_that_cannot_be_decoded(
@@ -382,7 +320,11 @@ def test_tdms_with_a_scale_that_the_library_does_not_know_is_refused(kind: str, 
     """It gives counts for what the file states to be in the unit of the channel."""
     path = tmp_path / "run.tdms"
     counts = (1000.0 * X).astype(np.int16)
-    scale = {"wf_increment": 1.0 / RATE, "NI_Scaling_Status": "unscaled", "NI_Number_Of_Scales": 1}
+    scale: dict[str, Any] = {
+        "wf_increment": 1.0 / RATE,
+        "NI_Scaling_Status": "unscaled",
+        "NI_Number_Of_Scales": 1,
+    }
     scale |= {"NI_Scale[0]_Scale_Type": kind, f"NI_Scale[0]_{kind}_Input_Source": 2**32 - 1}
     lab_view(path, {"x:m1": (counts, "mm")}, **scale)
     with pytest.raises(
@@ -392,11 +334,8 @@ def test_tdms_with_a_scale_that_the_library_does_not_know_is_refused(kind: str, 
     lab_view(path, {"x:m1": (1000.0 * X, "mm")}, **{**scale, "NI_Scaling_Status": "scaled"})
     assert read_record(path).channel("x:m1") == pytest.approx(X, rel=1e-12)
     linear = {key.replace(kind, "Linear"): value for key, value in scale.items()}
-    linear |= {
-        "NI_Scale[0]_Scale_Type": "Linear",
-        "NI_Scale[0]_Linear_Slope": 1e-3,
-        "NI_Scale[0]_Linear_Y_Intercept": 0.0,
-    }
+    linear |= {"NI_Scale[0]_Scale_Type": "Linear", "NI_Scale[0]_Linear_Slope": 1e-3}
+    linear["NI_Scale[0]_Linear_Y_Intercept"] = 0.0
     lab_view(path, {"x:m1": (counts, "m")}, **linear)
     assert read_record(path).channel("x:m1") == pytest.approx(1e-3 * counts, rel=1e-12)
 

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import openpyxl
 import pytest
 from commands import document
+from foreign_files import lms_signal, lvm, workbook
 from scipy.io import savemat, wavfile
 
 from linkwise.errors import RecordError
@@ -179,16 +179,7 @@ def test_tracks_of_a_wav_file_are_parts_of_full_scale(
         read_record(tmp_path / "cut.wav", channels={"x:m1": 1})
 
 
-def lvm(clocks: str, rows: list[str], names: str, separator: str = "\t") -> str:
-    lines = [
-        "LabVIEW Measurement", "Writer_Version\t2", f"Separator\t{'Tab' if separator == chr(9) else 'Comma'}",
-        "Decimal_Separator\t.", f"X_Columns\t{clocks}", "***End_of_Header***", "",
-        "Channels\t2", "Samples\t120\t120", "Y_Unit_Label\tmm\tg", "X_Dimension\tTime\tTime",
-        f"Delta_X\t{1.0 / RATE}\t{1.0 / RATE}", "***End_of_Header***", names, *rows,
-    ]  # fmt: skip
-    return "\n".join(line.replace("\t", separator) for line in lines) + "\n"
-
-
+OWN: dict[str, Any] = {"units": "mm\tg", "step": 1.0 / RATE}
 CELLS = [(f"{t:.9g}", f"{1e3 * x:.12g}", f"{a / 9.80665:.12g}") for t, x, a in zip(T, X, A, strict=True)]
 
 
@@ -200,17 +191,19 @@ def test_lvm_with_one_clock_with_several_and_without(separator: str, tmp_path: P
         ("Multi", [(t, x, t, a) for t, x, a in CELLS], "X_Value\tx:m1\tX_Value\ta:m2"),
         ("No", [("", x, a) for _, x, a in CELLS], "X_Value\tx:m1\ta:m2"),
     ):
-        path.write_text(lvm(clocks, ["\t".join(row) for row in rows], f"{names}\tComment", separator))
+        path.write_text(
+            lvm(clocks, ["\t".join(row) for row in rows], f"{names}\tComment", **OWN, separator=separator)
+        )
         agrees(path)
 
 
 def test_lvm_that_is_cut_or_in_segments_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.lvm"
     rows = ["\t".join(row) for row in CELLS]
-    whole = lvm("One", rows, "X_Value\tx:m1\ta:m2\tComment")
+    whole = lvm("One", rows, "X_Value\tx:m1\ta:m2\tComment", **OWN)
     segment = whole[whole.index("Channels") :]
     shifted = ["\t".join((t, x, f"{float(t) + 0.001:.9g}", a)) for t, x, a in CELLS]
-    uneven = lvm("Multi", shifted, "X_Value\tx:m1\tX_Value\ta:m2\tComment")
+    uneven = lvm("Multi", shifted, "X_Value\tx:m1\tX_Value\ta:m2\tComment", **OWN)
     for text, said in (
         (whole + "\n" + segment, "holds 2 segments of measurements"),
         ("time\tx:m1\n0\t1\n", "is not an LVM file"),
@@ -224,21 +217,10 @@ def test_lvm_that_is_cut_or_in_segments_is_refused(tmp_path: Path) -> None:
     assert len(read_record(path)) == N  # a last number that lost digits cannot be told from another
 
 
-def workbook(path: Path, rows: list[list[Any]], more: bool = False) -> None:
-    book = openpyxl.Workbook()
-    book.create_sheet("notes", 0).append(["Rig 3"])
-    sheet = book["Sheet"]
-    for row in rows:
-        sheet.append(row)
-    if more:
-        book.create_sheet("second").append([1.0])
-    book.save(path)
-
-
 def test_a_workbook_with_units_below_its_header(tmp_path: Path) -> None:
     numbers = [[float(t), 1e3 * float(x), float(a)] for t, x, a in zip(T, X, A, strict=True)]
     rows: list[list[Any]] = [["time", "x:m1", "a:m2"], ["s", "mm", "m/s^2"], *numbers]
-    workbook(tmp_path / "run.xlsx", rows, more=True)
+    workbook(tmp_path / "run.xlsx", rows, notes=[["Rig 3"]], second=[[1.0]])
     agrees(tmp_path / "run.xlsx")
     notes = read_record(tmp_path / "run.xlsx").notes
     assert "Sheet Sheet was read; second was not." in notes
@@ -268,20 +250,7 @@ CASES = Path(__file__).parents[3] / "shared" / "cases" / "lms-mat"
 
 
 def signal(values: Any, label: Any, name: Any, factor: float = 1.0, step: float = STEP) -> dict[str, Any]:
-    point = {} if isinstance(name, list) else {"primary_channel": {"point_id": name, "direction": "+Z"}}
-    return {
-        "x_values": {
-            "start_value": 0.5,
-            "increment": step,
-            "number_of_values": float(SAMPLES),
-            "quantity": {"label": "s"},
-        },
-        "y_values": {
-            "values": values,
-            "quantity": {"label": label, "unit_transformation": {"factor": factor, "offset": 0.0}},
-        },
-        "function_record": {"name": name, "type": "Signal", **point},
-    }
+    return lms_signal(values, label, name, step, start=0.5, factor=factor)
 
 
 def export(path: Path, **signals: dict[str, Any]) -> Path:

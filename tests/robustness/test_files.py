@@ -11,13 +11,12 @@ import numpy as np
 import pyarrow
 import pytest
 import scipy.sparse
-from fuzz.record_files import write_universal
-from nptdms import ChannelObject, TdmsWriter
+from commands import refusal
+from foreign_files import Response, lab_view, universal
 from pyarrow import parquet
 from scipy.io import loadmat, savemat
 
 import linkwise as lw
-from linkwise.cli import run
 
 N = 64
 TIME = np.arange(N) / 100.0
@@ -66,7 +65,7 @@ def test_mat_sparse_vector_is_read(version: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(record.channel("x:m2"), sparse.toarray()[:, 0])
 
 
-SETS = {"x:m1": X, "force:m1": Y}
+SETS = [Response("x:m1", X, 0.01), Response("force:m1", Y, 0.01)]
 COMPOUND = np.array(list(zip(X, Y, strict=True)), dtype=[("a", "f8"), ("b", "f8")])
 
 
@@ -107,7 +106,7 @@ def test_channel_that_our_own_file_states_and_has_not(suffix: str, tmp_path: Pat
 
 def test_uff_file_that_was_cut_anywhere_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "run.uff"
-    write_universal(path, SETS)
+    universal(path, SETS)
     assert lw.read_record(path).channels == ("x:m1", "force:m1")
     content = path.read_bytes()
     for share in (0.3, 0.6, 0.8, 0.99):
@@ -118,9 +117,9 @@ def test_uff_file_that_was_cut_anywhere_is_an_error(tmp_path: Path) -> None:
 
 def test_uff_data_set_of_another_type_or_function_is_told(tmp_path: Path) -> None:
     path = tmp_path / "run.uff"
-    write_universal(path, SETS, {"force:m1": 4})
+    universal(path, [SETS[0], SETS[1]._replace(function=4)])
     assert "Data sets that are not time responses were ignored: force:m1." in lw.read_record(path).notes
-    write_universal(path, SETS)
+    universal(path, SETS)
     head, _, tail = path.read_bytes().rpartition(b"    58")
     path.write_bytes(head + b"    x8" + tail)
     with pytest.raises(lw.RecordError, match="type of data set 2 cannot be read"):
@@ -130,10 +129,7 @@ def test_uff_data_set_of_another_type_or_function_is_told(tmp_path: Path) -> Non
 def test_tdms_file_that_was_cut_or_whose_segments_are_damaged_is_an_error(tmp_path: Path) -> None:
     """nptdms stops at the first segment that leads nowhere, and says nothing of the channels behind it."""
     path = tmp_path / "run.tdms"
-    with TdmsWriter(str(path)) as writer:
-        for name, values in {"x:m1": X, "x:m2": Y}.items():
-            step = {"wf_increment": 0.01}
-            writer.write_segment([ChannelObject("rig", name, values, properties=step)])
+    lab_view(path, {"x:m1": (X, ""), "x:m2": (Y, "")}, wf_increment=0.01)
     content = path.read_bytes()
     assert lw.read_record(path).channels == ("x:m1", "x:m2")
     longer = bytearray(content)
@@ -146,9 +142,7 @@ def test_tdms_file_that_was_cut_or_whose_segments_are_damaged_is_an_error(tmp_pa
 
 def test_tdms_file_of_a_program_that_crashed_is_read_with_a_note(tmp_path: Path) -> None:
     path = tmp_path / "run.tdms"
-    with TdmsWriter(str(path)) as writer:
-        channel = ChannelObject("rig", "x:m1", X, properties={"wf_increment": 0.01})
-        writer.write_segment([channel])
+    lab_view(path, {"x:m1": (X, "")}, wf_increment=0.01)
     content = bytearray(path.read_bytes())
     content[12:20] = b"\xff" * 8
     path.write_bytes(content)
@@ -234,16 +228,11 @@ def test_a_record_does_not_take_the_place_of_a_pipe_or_a_folder(tmp_path: Path) 
     ],
 )
 def test_a_record_that_cannot_be_written_is_refused_before_the_simulation(
-    place: str,
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    place: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe.csv")
     lw.write_structure(lw.bnes_chain(2), "chain.toml")
     monkeypatch.setattr(lw, "simulate", lambda *_, **__: pytest.fail("simulated"))
-    assert run(["simulate", "chain.toml", "--duration", "1", "--rate", "100", "-o", place]) == 2
-    assert message in capsys.readouterr().err
+    assert message in refusal(f"simulate chain.toml --duration 1 --rate 100 -o {place}")
     assert sorted(os.listdir(tmp_path)) == ["chain.toml", "pipe.csv"]
