@@ -20,13 +20,9 @@ Fault = Callable[[np.ndarray, lw.Record, np.random.Generator], np.ndarray]
 def forced(snr_db: float, seed: int = 1) -> lw.Record:
     """A Duffing oscillator under a sinusoidal force, seen in displacement, velocity and acceleration."""
     structure = oscillator("k*d + k3*d**3 + c*v", k=900.0, k3=2e6, c=1.5)
+    forces, sensors = {"m1": "6*sin(38*t)"}, ("x", "v", "a")
     record = lw.simulate(
-        structure,
-        release={"x:m1": 0.01},
-        forces={"m1": "6*sin(38*t)"},
-        duration=12.0,
-        rate=250.0,
-        sensors=("x", "v", "a"),
+        structure, release={"x:m1": 0.01}, forces=forces, duration=12.0, rate=250.0, sensors=sensors
     )
     return record.with_noise(snr_db, seed=seed)
 

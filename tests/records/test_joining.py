@@ -1,6 +1,7 @@
 """Records joined by time and in parts, delays taken out, and the grids of times that they lie on."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ def tone(late: float = 0.0, time: np.ndarray = TIME) -> np.ndarray:
 
 @pytest.fixture
 def record() -> lw.Record:
-    return lw.Record(0.0, 200.0, ("x:m1", "a:base"), np.stack([tone(), tone(0.0123)], axis=1))
+    return BOTH
 
 
 def test_channels_of_both_up_to_the_end_of_the_shorter(record: lw.Record) -> None:
@@ -46,14 +47,6 @@ def test_times_that_were_not_used_are_noted(record: lw.Record, start: float, not
     assert not noted or said in joined.notes[-1]
 
 
-def test_other_rates_and_the_same_channel_are_refused(record: lw.Record) -> None:
-    single = record.select(["x:m1"])
-    with pytest.raises(lw.RecordError, match="need one sampling rate, got 200 and 201 Hz"):
-        lw.records.beside(single, replace(record.select(["a:base"]), rate=201.0))
-    with pytest.raises(lw.RecordError, match=r"x:m1.*is in both records"):
-        lw.records.beside(single, record)
-
-
 @pytest.mark.parametrize("late", [0.0123, -0.0123])
 def test_a_delay_is_taken_out(record: lw.Record, late: float) -> None:
     """To the pass band of the interpolating sinc, away from the ends that it continues: 1e-4."""
@@ -66,18 +59,6 @@ def test_a_delay_is_taken_out(record: lw.Record, late: float) -> None:
     assert shifted.notes == (
         f"Delays were taken out: {late:g} s in a:base. One that is found with the laws is what is left beside it.",
     )
-
-
-def test_delays_that_cannot_be_are_refused(record: lw.Record) -> None:
-    assert lw.records.without_delays(record, {}) is record
-    with pytest.raises(lw.RecordError, match=r"x:m9.*is not in the record"):
-        lw.records.without_delays(record, {"x:m9": 0.1})
-    with pytest.raises(lw.RecordError, match=r"a delay must be shorter than the record of 1\.995 s, got 3 s"):
-        lw.records.without_delays(record, {"x:m1": 3.0})
-    with pytest.raises(lw.RecordError, match="the delays leave no sample"):
-        lw.records.without_delays(record, {"x:m1": 1.5, "a:base": -1.5})
-    with pytest.raises(lw.RecordError, match=r"x:m1.*samples are missing"):
-        lw.records.without_delays(without(record, x_m1=5), {"x:m1": 0.1})
 
 
 def test_records_of_one_clock_are_joined_by_time() -> None:
@@ -97,17 +78,10 @@ def test_records_of_one_clock_are_joined_by_time() -> None:
     assert "a:base were joined by time." in joined.notes
 
 
-def test_samples_at_the_same_times_stay_and_what_cannot_be_joined_is_refused(record: lw.Record) -> None:
+def test_samples_at_the_same_times_stay(record: lw.Record) -> None:
     joined = lw.records.joined_by_time(record.select(["x:m1"])[:300], record.select(["a:base"])[100:])
     assert joined.start == 0.5 and (joined.values == record.values[100:300]).all()
-    first, base_part = record.select(["x:m1"]), record.select(["a:base"])
-    with pytest.raises(lw.RecordError, match=r"does not overlap in time .*: 0 to 1\.995 s and 7 to 8\.995 s"):
-        lw.records.joined_by_time(first, replace(base_part, start=7.0))
-    message = "rates of which one is a multiple of the other, got 200 and 333 Hz"
-    with pytest.raises(lw.RecordError, match=message):
-        lw.records.joined_by_time(first, replace(base_part, rate=333.0))
-    with pytest.raises(lw.RecordError, match=r"x:m1.*is in both records"):
-        lw.records.joined_by_time(first, record)
+    assert lw.records.without_delays(record, {}) is record
 
 
 def test_parts_of_a_record_are_joined(record: lw.Record) -> None:
@@ -134,23 +108,6 @@ def test_a_part_whose_clock_begins_anew_follows_with_a_note(record: lw.Record) -
         lw.records.continued(parts[0], parts[0])
 
 
-def test_parts_that_do_not_go_on_are_refused(record: lw.Record) -> None:
-    first, second = record[:100], record[100:]
-    with pytest.raises(lw.RecordError, match=r"overlaps in time: 0 to 0\.495 s and 0\.25 to 1\.995 s"):
-        lw.records.continued(first, record[50:])
-    message = r"goes on 0\.0025 s after 0 to 0\.495 s, which is not a whole number of steps"
-    with pytest.raises(lw.RecordError, match=message):
-        lw.records.continued(first, replace(second, start=second.start + 0.0025))
-    with pytest.raises(lw.RecordError, match=r"begins 1000 s after .* a gap longer than both parts"):
-        lw.records.continued(first, replace(second, start=second.start + 1000.0))
-    message = "parts of a record need the same channels: x:m1, a:base and x:m1"
-    with pytest.raises(lw.RecordError, match=message):
-        lw.records.continued(first, second.select(["x:m1"]))
-    message = "the parts of a record need one sampling rate, got 200 and 250 Hz"
-    with pytest.raises(lw.RecordError, match=message):
-        lw.records.continued(first, replace(second, rate=250.0))
-
-
 def test_parts_that_state_different_noise_are_refused(record: lw.Record) -> None:
     first, second = (replace(part, noise={"x:m1": 1e-4}) for part in (record[:100], record[100:]))
     assert lw.records.continued(first, second).noise == {"x:m1": 1e-4}
@@ -165,6 +122,35 @@ def test_parts_that_state_different_noise_are_refused(record: lw.Record) -> None
     parts = [replace(part, uncertainty=own) for part, own in zip((first, second), known, strict=True)]
     with pytest.raises(lw.RecordError, match="channel x:m1: states another uncertainty of its sensor"):
         lw.records.continued(*parts)
+
+
+BOTH = lw.Record(0.0, 200.0, ("x:m1", "a:base"), np.stack([tone(), tone(0.0123)], axis=1))
+X, BASE, EARLY, LATER = BOTH.select(["x:m1"]), BOTH.select(["a:base"]), BOTH[:100], BOTH[100:]
+beside, joined_by_time, continued = lw.records.beside, lw.records.joined_by_time, lw.records.continued
+REFUSED: list[tuple[Callable[..., lw.Record], lw.Record, lw.Record | dict[str, float], str]] = [
+    (beside, X, replace(BASE, rate=201.0), "need one sampling rate, got 200 and 201 Hz"),
+    (beside, X, BOTH, r"x:m1.*is in both records"),
+    (joined_by_time, X, replace(BASE, start=7.0), r"does not overlap in time .*: 0 to 1\.995 s and 7 to 8\.995 s"),
+    (joined_by_time, X, replace(BASE, rate=333.0), "of which one is a multiple of the other, got 200 and 333 Hz"),
+    (joined_by_time, X, BOTH, r"x:m1.*is in both records"),
+    (continued, EARLY, BOTH[50:], r"overlaps in time: 0 to 0\.495 s and 0\.25 to 1\.995 s"),
+    (continued, EARLY, replace(LATER, start=0.5025), r"goes on 0\.0025 s after 0 to 0\.495 s, which is not a whole number of"),
+    (continued, EARLY, replace(LATER, start=1000.5), r"begins 1000 s after .* a gap longer than both parts"),
+    (continued, EARLY, LATER.select(["x:m1"]), "parts of a record need the same channels: x:m1, a:base and x:m1"),
+    (continued, EARLY, replace(LATER, rate=250.0), "the parts of a record need one sampling rate, got 200 and 250 Hz"),
+    (lw.records.without_delays, BOTH, {"x:m9": 0.1}, r"x:m9.*is not in the record"),
+    (lw.records.without_delays, BOTH, {"x:m1": 3.0}, r"must be shorter than the record of 1\.995 s, got 3 s"),
+    (lw.records.without_delays, BOTH, {"x:m1": 1.5, "a:base": -1.5}, "the delays leave no sample"),
+    (lw.records.without_delays, without(BOTH, x_m1=5), {"x:m1": 0.1}, r"x:m1.*samples are missing"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("work", "first", "second", "message"), REFUSED)
+def test_what_cannot_be_joined_or_taken_out_is_refused(
+    work: Callable[..., lw.Record], first: lw.Record, second: lw.Record | dict[str, float], message: str
+) -> None:
+    with pytest.raises(lw.RecordError, match=message):
+        work(first, second)
 
 
 RATES = [1000.0, 610.3515625, 333.3, 100.0 * np.pi, 44100.0, 51200.0, 1.0 / 0.0016384, 123.456789012345, 1e6]

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import refusal
 from problems import chain_record
 
 import linkwise as lw
@@ -36,18 +35,6 @@ def test_a_record_given_twice_is_refused(record: lw.Record) -> None:
         lw.discover([record, record], MASSES)
     with pytest.raises(lw.RecordError, match="hold the same samples"):
         lw.discovery.check_discovery([record, record], MASSES)
-
-
-def test_the_same_file_with_with_is_refused(
-    record: lw.Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    lw.write_record(record, "run.csv")
-    lw.write_record(record, "copy.h5")
-    lw.write_structure(CHAIN.unknown("nes"), "unknown.toml")
-    for again in ("run.csv", "copy.h5"):
-        message = refusal(f"identify run.csv unknown.toml --with {again}")
-        assert "records 1 and 2 (run.csv) hold the same samples" in message
 
 
 @pytest.mark.slow
