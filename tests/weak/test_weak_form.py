@@ -80,12 +80,3 @@ def test_without_noise_the_answer_is_exact_and_trusted() -> None:
     assert fit.trusted
     for name, value in some(true_values(chain).items()):
         assert fit.coefficient(name).value == pytest.approx(value, rel=1e-5)
-
-
-@pytest.mark.slow
-def test_two_ways_agree_on_a_record_without_noise() -> None:
-    """The weak form against columns over measured velocities and accelerations: no step in common but the laws."""
-    chain = lw.bnes_chain(2)
-    record = chain_record(2, duration=3.0, sensors=("x", "v", "a"))
-    weak, columns = (lw.identify(record, chain.unknown("all"), method=method) for method in ("weak", "sindy"))
-    assert weak.values == pytest.approx(columns.values, rel=1e-5)
