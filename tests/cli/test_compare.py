@@ -10,7 +10,6 @@ from structures import THREE_TONES, duffing, oscillator
 
 import linkwise as lw
 from linkwise.identification.compare import compare
-from linkwise.verdict import Grade
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unrendered")]
 LINEAR = oscillator("k*d + c*v", name="spring", k=900.0, c=2.0)
@@ -59,6 +58,6 @@ def test_a_method_that_does_not_apply_says_why() -> None:
     hidden = lw.simulate(rig.with_values({"a.k": 1000.0}), sensors=["x:m1"], **forced)
     comparison = compare(hidden.with_noise(40.0, seed=1), rig)
     assert [answer.estimate is None for answer in comparison.answers][::2] == [False, True]
-    assert comparison.grade is Grade.EXPLAINED
+    assert comparison.grade is lw.Grade.EXPLAINED
     assert any(finding.startswith("sindy: ") and "m2" in finding for finding in comparison.findings)
     assert "not applicable" in str(comparison)

@@ -11,12 +11,12 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.cli import linkwise
 from linkwise.cli.options import FLAGS, with_flags
-from linkwise.errors import RecordError
 
 GRID = "--duration 1 --rate 500"
 TRIAL = f"{GRID} --release v:m1=1.0"
 BY_NAME = "--mass m1=1 --mass m2=0.01"
 MODAL = "structure host modes.csv"
+RANGE = "--from 21 --to 23 --starts 0"
 ROD = "structure host rod.npz --point mid=15"
 
 REFUSED = {
@@ -89,6 +89,7 @@ REFUSED = {
         ("--resample 1e9", "resampl"),
         ("--resample inf", "rate"),
         ("--rate 1e999", "rate"),
+        ("--with run.csv", "records 1 and 2 (run.csv) hold the same samples"),
         ("--method weak --with run.csv", "--with is for --method ml, not for weak."),
         ("--method sindy --profile", "--profile is for --method ml, not for sindy."),
         ("--derivative spline", "--derivative is for --method sindy, not for ml."),
@@ -168,6 +169,23 @@ REFUSED = {
         ("--sweep nes1.alpha=-200:20:5 --sweep nes1.alpha=1:2:3", "--sweep is given twice for 'nes1.alpha'"),
     ],
     f"absorb one_well.toml {TRIAL}": [("", "has more than one stable well, so there is no sink to be found; name the")],
+    f"respond chain.toml {RANGE}": [
+        ("", "On the command line: --force MASS=N or --base x|v|a=SIZE."),
+        ("--force m1=0", "must be positive, got 0.0. On the command line: --levels"),
+        ("--base a=1", 'no link has "base" as an end'),
+        ("--force m1=1 --show a:m1", "On the command line: --show CHANNEL"),
+    ],
+    "backbone chain.toml": [
+        ("--mode 3", "there is no vibration in mode 3"),
+        ("--mode 1 --to-amplitude x:m1=nan", "got nan. On the command line: --to-amplitude"),
+        ("--mode 1 --to-amplitude x:m9=1", "unknown mass 'm9' in the end of a backbone"),
+    ],
+    "basins": [
+        ("chain.toml --plane x:m2=1", "is not FROM:TO"),
+        ("chain.toml --plane x:m2=nan:1,v:m2=-1:1", "got nan to 1. On the command line: --plane"),
+        ("chain.toml --plane a:m2=0:1,v:m2=-1:1", "a:m2 cannot be a state of the plane"),
+        (". --plane x:m2=0:1,v:m2=-1:1", "there is no structure.toml in this folder"),
+    ],
     "study": [
         ("papr -o x", 'papr: there is no such study; did you mean "paper"?'),
         ("paper", "Missing option '-o' / '--output'"),
@@ -279,10 +297,10 @@ def test_a_place_that_cannot_be_written_is_named(place: str, tmp_path: Path) -> 
 
 
 def test_flags_of_the_arguments_are_appended() -> None:
-    error = RecordError("uneven time", "run.csv", arguments=("resample", "rate"))
+    error = lw.RecordError("uneven time", "run.csv", arguments=("resample", "rate"))
     assert with_flags(error) == "run.csv: uneven time. On the command line: --resample HZ, --rate HZ."
-    assert with_flags(RecordError("dead.", "run.csv")) == "run.csv: dead."
-    question = RecordError("is another line the header?", "a.csv", arguments=("header",))
+    assert with_flags(lw.RecordError("dead.", "run.csv")) == "run.csv: dead."
+    question = lw.RecordError("is another line the header?", "a.csv", arguments=("header",))
     assert with_flags(question) == f"{question} On the command line: --header LINE."
     options = {
         name

@@ -13,8 +13,6 @@ import linkwise as lw
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
-RANGE = "--from 21 --to 23 --starts 0"
-
 
 @pytest.fixture(scope="module")
 def chain_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -70,26 +68,6 @@ def test_a_backbone_is_printed(chain_file: Path) -> None:
     printed = said(f"backbone {chain_file} --mode 1 --to-energy 1e-3 --force m2 -o {folder}").out
     assert "Phase resonance" in printed
     assert (folder / "backbone.csv").read_text("utf-8").startswith("hz,energy,x:m1,x:m2,damping,force\n")
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        (f"respond FILE {RANGE}", "On the command line: --force MASS=N or --base x|v|a=SIZE."),
-        (f"respond FILE --force m1=0 {RANGE}", "must be positive, got 0.0. On the command line: --levels"),
-        (f"respond FILE --base a=1 {RANGE}", 'no link has "base" as an end'),
-        (f"respond FILE --force m1=1 --show a:m1 {RANGE}", "On the command line: --show CHANNEL"),
-        ("backbone FILE --mode 3", "there is no vibration in mode 3"),
-        ("backbone FILE --mode 1 --to-amplitude x:m1=nan", "got nan. On the command line: --to-amplitude"),
-        ("backbone FILE --mode 1 --to-amplitude x:m9=1", "unknown mass 'm9' in the end of a backbone"),
-        ("basins FILE --plane x:m2=1", "is not FROM:TO"),
-        ("basins FILE --plane x:m2=nan:1,v:m2=-1:1", "got nan to 1. On the command line: --plane"),
-        ("basins FILE --plane a:m2=0:1,v:m2=-1:1", "a:m2 cannot be a state of the plane"),
-        ("basins . --plane x:m2=0:1,v:m2=-1:1", "there is no structure.toml in this folder"),
-    ],
-)
-def test_what_does_not_fit_is_wrong_usage(chain_file: Path, line: str, message: str) -> None:
-    assert message in refusal(line.replace("FILE", str(chain_file)))
 
 
 def test_a_decay_at_uneven_times_is_read_as_the_mapping_file_says(

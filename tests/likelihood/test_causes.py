@@ -27,7 +27,6 @@ from within import assert_within
 import linkwise as lw
 from linkwise.likelihood.checks.recording import beyond_statement, recording_errors
 from linkwise.likelihood.tests.score_test import missing_links, missing_terms
-from linkwise.verdict import Verdict
 
 SNR, SEED = 30.0, 41
 
@@ -318,8 +317,8 @@ def test_noise_stated_small(stated: dict[str, float], calibration: dict[str, flo
         record_with_stated(stated), CHAIN.unknown("nes"), calibration=calibration, as_stated=True
     )
     assert not fit.trusted
-    searched = {Verdict.NOT_CONVERGED} if calibration else set()
-    assert fit.fit_verdicts[0] in {Verdict.NOISE_MISMATCH, *searched}
+    searched = {lw.Verdict.NOT_CONVERGED} if calibration else set()
+    assert fit.fit_verdicts[0] in {lw.Verdict.NOISE_MISMATCH, *searched}
     assert "it is stated too small" in fit.message and "leave it out" in fit.message
     for name, factor in stated.items():
         assert (f"times in {name}, " in fit.message) == (factor < 1.0)
@@ -330,7 +329,7 @@ def test_noise_stated_small(stated: dict[str, float], calibration: dict[str, flo
 def test_noise_stated_as_next_to_nothing_is_told_by_the_scatter_of_samples() -> None:
     """Nothing converges with it, and what is left is no noise: the samples themselves tell, before any law."""
     fit = lw.identify(record_with_stated({"x:m1": 1e-4, "x:m2": 1.0}), CHAIN.unknown("all"), as_stated=True)
-    assert fit.fit_verdicts == (Verdict.NOT_CONVERGED,)
+    assert fit.fit_verdicts == (lw.Verdict.NOT_CONVERGED,)
     assert "neighbouring samples scatter by far more" in fit.message
     assert "times in x:m1" in fit.message and "times in x:m2" not in fit.message
 

@@ -12,7 +12,6 @@ from structures import link, oscillator, structure
 from within import assert_within
 
 import linkwise as lw
-from linkwise.verdict import Verdict
 
 pytestmark = pytest.mark.slow
 
@@ -106,7 +105,7 @@ def test_what_noise_of_a_force_does_to_motion_between_wells_does_not_depend_on_a
 
 def test_a_model_error_of_a_driven_structure_may_be_noise_of_the_input() -> None:
     fit = lw.identify(driven("force:m1", 0.05, 6), mounted("ground").unknown("all"), as_stated=True)
-    assert fit.fit_verdicts == (Verdict.MODEL_ERROR_NEEDED,)
+    assert fit.fit_verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert "Noise of force:m1 has the same effect" in fit.message
 
 
@@ -186,7 +185,7 @@ def test_more_noise_than_a_measured_input_has_is_not_trusted() -> None:
     more = np.random.default_rng(7).standard_normal(len(record))
     noisy = changed(record, a_base=lambda x: x + 0.3 * x.std() * more)
     fit = lw.identify(noisy, storeys().unknown("all"), input_noise=["a:base"])
-    assert fit.fit_verdicts == (Verdict.UNEXPLAINED_FORCES,)
+    assert fit.fit_verdicts == (lw.Verdict.UNEXPLAINED_FORCES,)
     assert "the noise found of a:base exceeds" in fit.message
 
 
@@ -202,7 +201,7 @@ def test_noise_that_stands_for_a_missing_term_is_not_trusted() -> None:
     record = replace(record.with_noise(40.0, seed=61), simulated=None)
     law = oscillator("k*d + c*v", to="base", name="l1", k=1600.0, c=0.8).unknown("all")
     fit = lw.identify(record, law, input_noise=["a:base"])
-    assert fit.fit_verdicts == (Verdict.SYSTEMATIC_MISFIT,), fit.message
+    assert fit.fit_verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,), fit.message
     assert "only with the noise of a:base" in fit.message
 
 

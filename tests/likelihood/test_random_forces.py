@@ -14,7 +14,6 @@ from within import assert_within
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.verdict import Verdict
 
 pytestmark = pytest.mark.slow
 
@@ -111,7 +110,7 @@ def test_a_missing_spring_is_told_beside_an_ambient_force() -> None:
     """Half the force in the spring at the largest elongation of 7 mm."""
     record = ambient((1.0,), 20.0, seed=4, cubic=2e7)
     fit = lw.identify(record, chain(1).unknown("all"), ambient=["m1"])
-    assert fit.fit_verdicts == (Verdict.SYSTEMATIC_MISFIT,)
+    assert fit.fit_verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
     assert fit.diagnosis[0].term in ("d**3", "d**5")
     whole = lw.identify(record, chain(1, "k*d + c*v + k3*d**3").unknown("all"), ambient=["m1"])
     assert_within(whole, {"l1.k3": 2e7}, ERRORS)
@@ -147,7 +146,7 @@ def test_forces_that_fall_off_are_named_in_the_band_of_the_motion_and_as_good_as
     asked = chain(2).unknown("all")
     fit = lw.identify(in_coloured_forces(3.0, 14.0, seed=5700011), asked, ambient="all")
     assert not fit.trusted
-    assert fit.verdicts[0] is Verdict.MEASUREMENT_ERROR
+    assert fit.verdicts[0] is lw.Verdict.MEASUREMENT_ERROR
     cause = fit.diagnosis[0]
     assert (cause.kind, cause.unit) == ("coloured force", "1")
     assert cause.where in ("m1", "m2")
@@ -179,7 +178,7 @@ def test_a_level_that_changes_with_time_is_named_before_a_term_that_seems_to_be_
     second = np.arange(len(forces)) / (RATE * SUBSTEPS)
     forces *= np.where(second % 10.0 < 2.0, 4.0, 1.0)[:, None]
     fit = lw.identify(shown(forces, rng), chain(2).unknown("all"), ambient="all")
-    assert fit.verdicts[0] is Verdict.MEASUREMENT_ERROR
+    assert fit.verdicts[0] is lw.Verdict.MEASUREMENT_ERROR
     cause = fit.diagnosis[0]
     assert (cause.kind, cause.unit) == ("unsteady force", "1")
     assert f"an ambient force on {cause.where} whose level changes with time (its density is" in fit.message
@@ -239,7 +238,7 @@ def test_accelerations_are_told_where_they_are_flat_up_to_half_the_rate_and_refu
         # of nearly all 600 forces: four times 1 / sqrt(1200)
         assert force.spectral_density == pytest.approx(DENSITY, rel=0.115)
     fit = lw.identify(accelerations(40.0, 6.0, 5799005), chain(2).unknown("all"), ambient="all")
-    assert fit.verdicts[0] is Verdict.MEASUREMENT_ERROR, fit.message
+    assert fit.verdicts[0] is lw.Verdict.MEASUREMENT_ERROR, fit.message
     assert fit.diagnosis[0].kind == "coloured force"
     assert "below 50 Hz, as behind a filter against aliasing)" in fit.message
     assert "resample the accelerations at twice the frequency up to which the filter is flat" in fit.message
@@ -247,7 +246,7 @@ def test_accelerations_are_told_where_they_are_flat_up_to_half_the_rate_and_refu
 
 def test_an_ambient_force_on_a_mass_that_is_not_named_takes_trust_and_is_told() -> None:
     fit = lw.identify(ambient((1.0, 1.0), 15.0, 51), chain(2).unknown("all"), ambient=["m1"])
-    assert fit.fit_verdicts == (Verdict.MEASUREMENT_ERROR,)
+    assert fit.fit_verdicts == (lw.Verdict.MEASUREMENT_ERROR,)
     cause = fit.diagnosis[0]
     assert (cause.kind, cause.where, cause.unit) == ("ambient", "m2", "N/sqrt(Hz)") and cause.is_instrument
     assert cause.description in fit.message

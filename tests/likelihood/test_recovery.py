@@ -13,7 +13,6 @@ from structures import asked_oscillator, equal_sinks, link, oscillator, row_of_m
 from within import assert_within, errors
 
 import linkwise as lw
-from linkwise.likelihood.shooting.residuals import Gaussian, Huber, Student
 
 pytestmark = pytest.mark.slow
 
@@ -215,7 +214,7 @@ def test_outliers_bend_the_gaussian_and_not_the_robust(chain: lw.Structure, clea
     values[bad] += (random.uniform(20.0, 60.0, values.shape) * sigma)[bad]  # all to one side
     spoiled = replace(record, values=values, noise=dict(present(record.simulated).noise))
     unknown = chain.unknown("all")
-    losses = (Gaussian(), Huber(), Student())
+    losses = (lw.likelihood.Gaussian(), lw.likelihood.Huber(), lw.likelihood.Student())
     plain, *robust = (lw.identify(spoiled, unknown, loss=loss, as_stated=True) for loss in losses)
     assert not plain.trusted
     true = np.array([chain.coefficient(p.name).value for p in unknown.parameters])

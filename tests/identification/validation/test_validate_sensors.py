@@ -11,7 +11,6 @@ from record_faults import changed, without
 from structures import THREE_TONES, duffing
 
 import linkwise as lw
-from linkwise.estimates.causes import Cause
 from linkwise.identification.validated_answer import without_exchanges
 
 pytestmark = pytest.mark.usefixtures("unrendered")
@@ -98,6 +97,6 @@ def test_what_is_corrected_must_be_an_error_of_a_channel(corrected: dict[str, li
 @pytest.mark.parametrize(("kind", "where"), [("sign", "x:m2"), ("swapped", "x:m1"), ("relative", "x:m1")])
 def test_an_exchange_of_channels_that_the_record_lacks_is_not_taken_out(kind: str, where: str) -> None:
     record = shown(3)
-    cause = Cause(kind, where, 0.0, "1", 0.0, 0.0, source="x:m2" if kind == "swapped" else "")
+    cause = lw.estimates.Cause(kind, where, 0.0, "1", 0.0, 0.0, source="x:m2" if kind == "swapped" else "")
     kept, remarks = without_exchanges(record, [cause])
     assert not remarks and np.array_equal(kept.values, record.values)

@@ -14,7 +14,6 @@ from linkwise.likelihood.shooting.flow import POINTS, Inputs, flow
 from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import tangents
-from linkwise.model.excitation import TimeFunction
 
 RATE = 1000.0
 FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"
@@ -44,7 +43,7 @@ def exact_inputs(starts: np.ndarray, step: float, steps: int) -> Inputs:
     """FORCE on m2 and BASE at the points of `steps` steps from the times `starts` (K,)."""
     time = (np.arange(steps)[:, None, None] + POINTS[:, None]) * step + starts
     force = np.zeros((steps, len(POINTS), 3, len(starts)))
-    force[:, :, 1] = TimeFunction(FORCE).value(time)
+    force[:, :, 1] = lw.model.TimeFunction(FORCE).value(time)
     # BASE and its rate
     return Inputs(force, np.stack([1e-3 * np.sin(300 * time), 0.3 * np.cos(300 * time)], axis=2))
 
