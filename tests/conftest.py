@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 from base64 import b64decode
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -107,6 +108,12 @@ def fitted(chain: lw.Structure) -> lw.Estimate:
     """The sink of that chain, identified from three simulated seconds at 30 dB."""
     record = chain_record(2, duration=3.0).with_noise(30.0, seed=1)
     return lw.identify(record, chain.unknown("nes"), method="weak")
+
+
+@pytest.fixture(scope="session")
+def unseen(fitted: lw.Estimate) -> lw.Estimate:
+    """The same estimate as if its record had been measured: nobody knows the truth."""
+    return replace(fitted, record=replace(fitted.record, simulated=None))
 
 
 @pytest.fixture(scope="session")

@@ -13,8 +13,6 @@ from structures import beam_of_one_mode, link, oscillator
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.errors import RecordError
-from linkwise.records.channel import Channel
 from linkwise.records.record import common_samples
 from linkwise.records.sample_checks import require_complete
 from linkwise.records.timeline import resample_evenly
@@ -126,7 +124,7 @@ def test_most_samples_may_be_missing_at_random(missing: float) -> None:
 
 
 RATE = 200.0
-X, SINE, BASE = map(Channel.parse, ("x:m1", "force:m1", "a:base"))
+X, SINE, BASE = map(lw.records.Channel.parse, ("x:m1", "force:m1", "a:base"))
 
 
 def noisy(times: Floats, seed: int) -> Floats:
@@ -175,9 +173,9 @@ def test_where_a_spline_would_amplify_noise_samples_are_missing(missing: float) 
 def test_infinite_and_few_samples_are_refused_on_and_off_the_grid(uneven: float) -> None:
     times = np.arange(64) / RATE + uneven * np.sin(np.arange(64))
     rate = RATE * (1.1 if uneven else 1.0)
-    with pytest.raises(RecordError, match="infinite values"):
+    with pytest.raises(lw.RecordError, match="infinite values"):
         resample_evenly(times, {X: np.full(64, np.inf)}, rate)
-    with pytest.raises(RecordError, match="0 samples are too few"):
+    with pytest.raises(lw.RecordError, match="0 samples are too few"):
         resample_evenly(times, {X: np.full(64, np.nan)}, rate)
 
 
