@@ -15,13 +15,6 @@ from linkwise.display import LONGEST, shortened
 LONG = "n" * 200_000
 
 
-@pytest.fixture
-def chain_file(tmp_path: Path) -> Path:
-    path = tmp_path / "chain.toml"
-    lw.write_structure(lw.bnes_chain(2), path)
-    return path
-
-
 def test_a_long_message_keeps_its_beginning_and_its_end() -> None:
     text = shortened("begin " + LONG + " end")
     assert text.startswith("begin nnn") and text.endswith("nnn end") and "[... 198010 characters ...]" in text
@@ -47,9 +40,9 @@ def test_a_long_structure_file_is_refused_on_a_screen(text: str, tmp_path: Path)
     refusal(f"structure show {tmp_path}/long.toml")
 
 
-def test_long_headers_are_refused_on_a_screen(tmp_path: Path, chain_file: Path) -> None:
+def test_long_headers_are_refused_on_a_screen(tmp_path: Path, chain_files: Path) -> None:
     (tmp_path / "long.csv").write_text(f"time,{LONG},{LONG}2,x:{LONG}\n0,1,2,3\n")
-    refusal(f"identify {tmp_path}/long.csv {chain_file}")
+    refusal(f"identify {tmp_path}/long.csv {chain_files}/chain.toml")
 
 
 def test_lack_of_memory_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,15 +62,15 @@ def command(arguments: list[str], redirections: str, folder: Path) -> subprocess
 
 
 @pytest.mark.skipif(os.name != "posix", reason="streams are closed by a shell of Unix")
-def test_without_standard_error_answers_and_codes_are_the_same(chain_file: Path) -> None:
-    closed = command(["structure", "show", "chain.toml"], "2>&-", chain_file.parent)
-    assert (closed.returncode, closed.stdout) == (0, said(f"structure show {chain_file}").out)
-    assert command(["identify", "chain.toml", "absent.toml"], "2>&-", chain_file.parent).returncode == 2
+def test_without_standard_error_answers_and_codes_are_the_same(chain_files: Path) -> None:
+    closed = command(["structure", "show", "chain.toml"], "2>&-", chain_files)
+    assert (closed.returncode, closed.stdout) == (0, said(f"structure show {chain_files}/chain.toml").out)
+    assert command(["identify", "chain.toml", "absent.toml"], "2>&-", chain_files).returncode == 2
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-def test_a_full_disk_behind_standard_output_is_told(chain_file: Path) -> None:
-    full = command(["structure", "show", "chain.toml"], "> /dev/full", chain_file.parent)
+def test_a_full_disk_behind_standard_output_is_told(chain_files: Path) -> None:
+    full = command(["structure", "show", "chain.toml"], "> /dev/full", chain_files)
     assert full.returncode == 1
     assert full.stderr == "linkwise: No space left on device\n"
 
