@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import random
+import time
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -11,7 +13,7 @@ from types import TracebackType
 from typing import Self, final
 
 import pytest
-from coordinator import killed
+from coordinator import LOOKS, PAUSE, alive, rows, start, strike, wait_for_rows, workers
 from small_study import small
 
 import linkwise as lw
@@ -24,6 +26,7 @@ from linkwise.study.workers import CaseBatch, CaseResult, Executor, FailureKind,
 WORKERS = 2
 HANDING_OUT = 0.05  # of the workers' time, at most
 QUICK, WHOLE = 4.0, 90.0  # minutes on two processors
+AT_START = 0, 5  # kills while workers are starting, the first of them maybe before there is a folder
 
 
 @final
@@ -101,6 +104,54 @@ def test_handing_out_to_a_cluster(tmp_path: Path, cluster: Executor) -> None:
     found = idle(cluster, tmp_path)
     print(f"\ndask, {WORKERS} processes: {100 * found:.1f} % of their time workers wait")
     assert found < HANDING_OUT
+
+
+def wait_for_the_end_of(processes: list[int]) -> None:
+    for _ in range(LOOKS):
+        if not any(map(alive, processes)):
+            return
+        time.sleep(PAUSE)
+    raise AssertionError("workers outlived their coordinator")
+
+
+def check_kept(before: tuple[lw.study.Row, ...], folder: Path) -> tuple[lw.study.Row, ...]:
+    """The rows now; every earlier one is still there, and was not run again: its time is the same to the last bit."""
+    after = rows(folder)
+    seconds = {row.case: row.seconds for row in after}
+    assert len(seconds) == len(after)
+    assert [seconds[row.case] for row in before] == [row.seconds for row in before]
+    return after
+
+
+def killed(study: Path, folder: Path, kills: int, most: int, slots: int = 2) -> str:
+    """Run a study to its end though it is killed so often, coordinator and one of its `slots` workers in turn, at random
+    moments, up to `most` rows apart; what it printed at last.
+
+    Checks on the way that no row is lost or made twice, and that workers end with their coordinator.
+    """
+    chance = random.Random(1000)
+    completed: tuple[lw.study.Row, ...] = ()
+    coordinator = start(study, folder, slots)
+    struck = 0
+    for kill in range(kills):
+        if kill not in AT_START:  # they must not all hit workers that have just begun
+            wait_for_rows(coordinator, folder, len(completed) + chance.randint(1, most))
+        time.sleep(chance.uniform(0.0, 1.0 if kill in AT_START else 0.1))
+        assert coordinator.poll() is None, coordinator.communicate()
+        team = workers(coordinator.pid)
+        if kill % 2:
+            struck += strike(chance.choice(team)) if team else 0
+        else:
+            strike(coordinator.pid)
+            coordinator.communicate()
+            wait_for_the_end_of(team)
+            coordinator = start(study, folder, slots)
+        completed = check_kept(completed, folder)
+    out, err = coordinator.communicate()
+    assert coordinator.returncode == 0 and err == "", err
+    assert struck >= kills // 2 - 1
+    check_kept(completed, folder)
+    return out
 
 
 def test_killed_thirty_times(tmp_path: Path) -> None:

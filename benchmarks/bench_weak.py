@@ -11,7 +11,9 @@ from time import perf_counter
 
 import numpy as np
 import pytest
-from paper_weak_fits import LEVELS, check_cover, check_sinks
+from paper_weak_fits import LEVELS, check_sinks, true_values, trusted
+from present import present
+from problems import chain_record
 
 import linkwise as lw
 from linkwise.weak.displacements import read_displacements
@@ -126,6 +128,36 @@ def test_accuracy(decibel: float, limit: float) -> None:
             f"z rms {np.sqrt(np.mean(np.square(z))):.2f}{beside}"
         )
         assert np.median(nmse) <= limit
+
+
+def check_cover(records: int) -> None:
+    """The 95 % intervals hold the truth as often as they say (METHODS section 7): of every coefficient, of the force at five
+    elongations, of a well, the barrier and the frequency; of trusted answers, since others have none.
+    """
+    chain = lw.bnes_chain(2)
+    record = chain_record(2, duration=3.0)
+    truth, d = true_values(chain), np.array([-0.03, -0.01, 0.004, 0.012, 0.028])
+    force = chain.link("nes1").force(d)
+    # slope -2 alpha in the well, reduced mass
+    frequency = np.sqrt(200.0 / (1.0 / (1.0 / 0.01 + 1.0))) / (2.0 * np.pi)
+    is_inside = []
+    fits = [
+        lw.identify(record.with_noise(25.0, seed=seed), chain.unknown("all"), method="weak")
+        for seed in range(records)
+    ]
+    for fit in trusted(fits):
+        sink = fit.link("nes1")
+        _, lower, upper = fit.force_band("nes1", d)
+        derived = [(sink.wells[1], 0.01), (present(sink.barrier), 0.0025), (sink.frequencies[0], frequency)]
+        intervals = [(present(fit.coefficient(name).interval), value) for name, value in truth.items()]
+        intervals += [(present(quantity.interval), value) for quantity, value in derived]
+        is_inside.append(
+            [low <= value <= high for (low, high), value in intervals]
+            + list((lower <= force) & (force <= upper))
+        )
+    covered, deviation = np.mean(is_inside, axis=0), np.sqrt(0.95 * 0.05 / len(is_inside))
+    assert abs(covered.mean() - 0.95) <= 2.0 * deviation < 0.07  # 92 to 98 % of 200 records
+    assert covered.min() >= 0.95 - 4.0 * deviation  # of 13 quantities
 
 
 @pytest.mark.parametrize("n", [2, 4, 6, 8, 10])

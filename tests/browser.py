@@ -10,17 +10,9 @@ import numpy as np
 from matplotlib.image import imread
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-OPTIONS = [
-    *("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"),
-    *(
-        "--disable-component-update",
-        "--disable-sync",
-        "--hide-scrollbars",
-        "--enable-logging=stderr",
-        "--v=0",
-    ),
-    "--host-resolver-rules=MAP * ~NOTFOUND",
-]
+WITHOUT = ("gpu", "background-networking", "component-update", "sync")
+OPTIONS = ["--headless", "--no-sandbox", "--no-first-run", *(f"--disable-{name}" for name in WITHOUT)]
+OPTIONS += ["--hide-scrollbars", "--enable-logging=stderr", "--v=0", "--host-resolver-rules=MAP * ~NOTFOUND"]
 BUDGETS = (20_000, 100_000, 500_000)
 """Time in ms on the clock of the page, which runs ahead of a busy machine: the next one where pictures were not loaded."""
 # What the page is allowed, put into a copy: all that it carries in itself. Asking for anything else is a word on the console,
@@ -93,21 +85,10 @@ def show(page: Path, scratch: Path, width: int = 1000) -> Shown:
     assert "<head>" in markup
     copy.write_text(markup.replace("<head>", policy, 1), encoding="utf-8")
     for budget in BUDGETS:
-        run = subprocess.run(
-            [
-                *(str(CHROMIUM), *OPTIONS, f"--user-data-dir={scratch / 'profile'}"),
-                *(
-                    f"--virtual-time-budget={budget}",
-                    f"--screenshot={picture}",
-                    f"--window-size={width},2500",
-                ),
-                *("--dump-dom", copy.absolute().as_uri()),
-            ],
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=True,
-        )
+        own = [f"--user-data-dir={scratch / 'profile'}", f"--virtual-time-budget={budget}"]
+        own += [f"--screenshot={picture}", f"--window-size={width},2500", "--dump-dom"]
+        command = [str(CHROMIUM), *OPTIONS, *own, copy.absolute().as_uri()]
+        run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
         if LOADED in run.stdout:
             break
     assert LOADED in run.stdout, "the pictures of the page are not loaded"

@@ -1,12 +1,18 @@
-"""The command line, run in this process on a line as it is typed."""
+"""The command line, run in this process on a line as it is typed, and Python in processes of their own."""
 
 import io
 import json
+import os
 import shlex
+import subprocess
+import sys
 from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from linkwise.cli import run
+
+SCREEN = 4000  # characters that a screen shows
 
 
 class Said(NamedTuple):
@@ -39,4 +45,15 @@ def refusal(line: str, code: int = 2) -> str:
     notes, name, paragraph = err.partition("linkwise: ")
     assert out == "" and name and (notes == "" or notes.startswith("note: "))
     assert "Traceback" not in paragraph and "\n\n" not in paragraph
+    assert len(err) < SCREEN
     return err
+
+
+def python(
+    *arguments: str, folder: Path | None = None, given: str = "", timeout: float = 60.0, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """A process of Python with these arguments and variables, which reads what is `given`."""
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=folder, env={**os.environ, **environment}, input=given,
+        capture_output=True, text=True, timeout=timeout, check=False,
+    )  # fmt: skip

@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 from base64 import b64decode
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -107,6 +108,30 @@ def fitted(chain: lw.Structure) -> lw.Estimate:
     """The sink of that chain, identified from three simulated seconds at 30 dB."""
     record = chain_record(2, duration=3.0).with_noise(30.0, seed=1)
     return lw.identify(record, chain.unknown("nes"), method="weak")
+
+
+@pytest.fixture(scope="session")
+def chain_files(chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with that chain, chain.toml, its sink unknown, unknown.toml, and two records of it, run.csv and run2.csv."""
+    folder = tmp_path_factory.mktemp("chain")
+    lw.write_structure(chain, folder / "chain.toml")
+    lw.write_structure(chain.unknown("nes"), folder / "unknown.toml")
+    for name, speed, seed in (("run", 1.0, 1), ("run2", 0.7, 2)):
+        record = chain_record(2, duration=1.0, speed=speed).with_noise(30.0, seed=seed)
+        lw.write_record(record, folder / f"{name}.csv")
+    return folder
+
+
+@pytest.fixture
+def inside(chain_files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the folder with files of the chain, into which nobody writes."""
+    monkeypatch.chdir(chain_files)
+
+
+@pytest.fixture(scope="session")
+def unseen(fitted: lw.Estimate) -> lw.Estimate:
+    """The same estimate as if its record had been measured: nobody knows the truth."""
+    return replace(fitted, record=replace(fitted.record, simulated=None))
 
 
 @pytest.fixture(scope="session")

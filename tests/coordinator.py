@@ -1,7 +1,6 @@
 """Coordinators of studies in processes of their own, and how to kill them and their workers."""
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -14,7 +13,6 @@ import linkwise as lw
 PATIENCE = 120.0
 PAUSE = 0.03  # s between two looks at what others do, each of which reads all rows
 LOOKS = 12_000  # after which nothing happens any more; a busy machine looks less often
-AT_START = 0, 5  # kills while workers are starting, the first of them maybe before there is a folder
 
 
 def start(study: Path, folder: Path, slots: int = 2) -> subprocess.Popen[str]:
@@ -65,14 +63,6 @@ def wait_for_rows(coordinator: subprocess.Popen[str], folder: Path, count: int) 
     raise AssertionError(f"no {count} rows after {LOOKS} looks")
 
 
-def wait_for_the_end_of(processes: list[int]) -> None:
-    for _ in range(LOOKS):
-        if not any(map(alive, processes)):
-            return
-        time.sleep(PAUSE)
-    raise AssertionError("workers outlived their coordinator")
-
-
 def rows(folder: Path) -> tuple[lw.study.Row, ...]:
     """What is stored; nothing before the study began."""
     try:
@@ -80,43 +70,3 @@ def rows(folder: Path) -> tuple[lw.study.Row, ...]:
     except lw.StudyError as error:
         assert "the folder does not hold a study" in str(error)
         return ()
-
-
-def check_kept(before: tuple[lw.study.Row, ...], folder: Path) -> tuple[lw.study.Row, ...]:
-    """The rows now; every earlier one is still there, and was not run again: its time is the same to the last bit."""
-    after = rows(folder)
-    seconds = {row.case: row.seconds for row in after}
-    assert len(seconds) == len(after)
-    assert [seconds[row.case] for row in before] == [row.seconds for row in before]
-    return after
-
-
-def killed(study: Path, folder: Path, kills: int, most: int, slots: int = 2) -> str:
-    """Run a study to its end though it is killed so often, coordinator and one of its `slots` workers in turn, at random
-    moments, up to `most` rows apart; what it printed at last.
-
-    Checks on the way that no row is lost or made twice, and that workers end with their coordinator.
-    """
-    chance = random.Random(1000)
-    completed: tuple[lw.study.Row, ...] = ()
-    coordinator = start(study, folder, slots)
-    struck = 0
-    for kill in range(kills):
-        if kill not in AT_START:  # they must not all hit workers that have just begun
-            wait_for_rows(coordinator, folder, len(completed) + chance.randint(1, most))
-        time.sleep(chance.uniform(0.0, 1.0 if kill in AT_START else 0.1))
-        assert coordinator.poll() is None, coordinator.communicate()
-        team = workers(coordinator.pid)
-        if kill % 2:
-            struck += strike(chance.choice(team)) if team else 0
-        else:
-            strike(coordinator.pid)
-            coordinator.communicate()
-            wait_for_the_end_of(team)
-            coordinator = start(study, folder, slots)
-        completed = check_kept(completed, folder)
-    out, err = coordinator.communicate()
-    assert coordinator.returncode == 0 and err == "", err
-    assert struck >= kills // 2 - 1
-    check_kept(completed, folder)
-    return out

@@ -11,7 +11,6 @@ from present import present, some
 from problems import chain_fit, chain_record
 
 import linkwise as lw
-from linkwise.identification.limit import limit
 
 FIRST = 1000  # seed
 LARGEST_NMSE = {
@@ -110,7 +109,7 @@ def check_force_band(runs: Runs, chance: float) -> None:
 
 def check_bound(runs: Runs, duration: float = 6.0) -> None:
     """Mean squared errors of alpha and beta against the bound of segments of 0.25 s with free states, for that `duration`."""
-    bound = limit(
+    bound = lw.limit(
         lw.bnes_chain(2), unknown=("all",), duration=duration, rate=1000.0, noise=20.0, segment=0.25,
         release={"v:m1": 1.0},
     )  # fmt: skip

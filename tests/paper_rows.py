@@ -37,21 +37,14 @@ def _row(study: Study, case: Case, median: Callable[[Case, int], float]) -> Row:
     masses = subject.structure.size
     nmse = median(case, masses) * SPREAD[case.seed - study.first_seed]
     factor = 1.0 + sqrt(nmse / 100.0)  # NMSE is 100 % of the square, where the force has no mean
-    return Row(
-        case.structure,
-        masses,
-        case.snr_db,
-        case.method,
-        case.seed,
-        status="converged",
-        links=dict.fromkeys(subject.judged_links, nmse),
-        coefficients={
-            f"{link}.{name}": value * factor
-            for link in subject.judged_links
-            for name, value in (("alpha", -100.0), ("beta", 1e6))
-        },
-        seconds=0.01 * masses,
-    )
+    off = {
+        f"{link}.{name}": value * factor
+        for link in subject.judged_links
+        for name, value in (("alpha", -100.0), ("beta", 1e6))
+    }
+    links = dict.fromkeys(subject.judged_links, nmse)
+    row = Row(case.structure, masses, case.snr_db, case.method, case.seed, status="converged", links=links)
+    return replace(row, coefficients=off, seconds=0.01 * masses)
 
 
 def stored(folder: Path, study: Study, rows: Sequence[Row]) -> Path:

@@ -4,7 +4,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import linkwise as lw
-from linkwise.model.law import Law
 
 Value = float | lw.Coefficient
 States = Mapping[str, lw.model.LinkState | str]
@@ -38,11 +37,11 @@ def coefficient(value: Value) -> lw.Coefficient:
 
 
 def link(
-    name: str, between: str, law: str | Law, states: States | None = None, /, **values: Value
+    name: str, between: str, law: str | lw.Law, states: States | None = None, /, **values: Value
 ) -> lw.Link:
     """A link between "m2-m1" with its coefficients by name; those that are not given are unknown."""
     first, second = between.split("-")
-    parsed = law if isinstance(law, Law) else Law.parse(law, states)
+    parsed = law if isinstance(law, lw.Law) else lw.Law.parse(law, states)
     given = {key: coefficient(value) for key, value in values.items()}
     unknown = dict.fromkeys(parsed.coefficients, lw.Coefficient.unknown())
     return lw.Link(name, (first, second), parsed, unknown | given)

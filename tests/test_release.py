@@ -4,13 +4,13 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 import tomllib
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import python
 from matplotlib.figure import Figure
 
 import linkwise as lw
@@ -18,6 +18,7 @@ import linkwise as lw
 TOP = Path(__file__).resolve().parents[1]
 CHANGELOG = (TOP / "CHANGELOG.md").read_text(encoding="utf-8")
 CITATION = (TOP / "CITATION.cff").read_text(encoding="utf-8")
+PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 RELEASE = re.compile(r"^## \[(\d+\.\d+\.\d+)\] - (\d{4}-\d{2}-\d{2})$", re.MULTILINE)
 
 
@@ -40,26 +41,21 @@ def test_releases_stand_newest_first_below_what_is_unreleased() -> None:
 
 
 def test_the_licence_is_the_same_everywhere() -> None:
-    project = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert project["license"] == cited("license") == "BSD-3-Clause"
+    assert PROJECT["license"] == cited("license") == "BSD-3-Clause"
     assert (TOP / "LICENSE").read_text(encoding="utf-8").startswith("BSD 3-Clause License\n")
 
 
 def test_every_dependency_has_a_lowest_version() -> None:
     """Which `make matrix` installs; the extra that names other extras of this package is none."""
     script = TOP / ".ci" / "constraints.py"
-    written = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True).stdout
-    project = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    groups = [project["dependencies"], *project["optional-dependencies"].values()]
-    named = [
-        requirement for group in groups for requirement in group if not requirement.startswith("linkwise")
-    ]
+    written = python(str(script)).stdout
+    groups = [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values()]
+    named = [each for group in groups for each in group if not each.startswith("linkwise")]
     lines = written.splitlines()
     assert len(lines) == len(named) > 20
     assert all(re.fullmatch(r"[\w-]+==[\d.]+", line) for line in lines)
 
 
-PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 WORKFLOWS = sorted((TOP / ".github" / "workflows").glob("*.yml"))
 
 
@@ -72,9 +68,8 @@ def normal(requirement: str) -> str:
 def test_the_recipe_requires_what_the_package_does() -> None:
     recipe = (TOP / "packaging" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
     run = re.findall(r"^    - (.*)$", recipe.partition("  run:\n")[2].partition("\ntests:")[0], re.MULTILINE)
-    assert sorted(map(normal, run)) == sorted(
-        [f"python{PROJECT['requires-python']}", *map(normal, PROJECT["dependencies"])]
-    )
+    needed = [f"python{PROJECT['requires-python']}", *map(normal, PROJECT["dependencies"])]
+    assert sorted(map(normal, run)) == sorted(needed)
     assert f'version: "{lw.__version__}"' in recipe
 
 
@@ -83,10 +78,8 @@ def test_wheels_are_asked_for_by_the_markers_of_the_platform() -> None:
     assert spec is not None and spec.loader is not None
     wheels = module_from_spec(spec)
     spec.loader.exec_module(wheels)
-    named = {
-        system: list(wheels.requirements(system, "3.12", ["files"]))
-        for system in ("linux", "win32", "darwin")
-    }
+    systems = ("linux", "win32", "darwin")
+    named = {system: list(wheels.requirements(system, "3.12", ["files"])) for system in systems}
     assert named["win32"] == named["darwin"] and any(one.startswith("pyarrow") for one in named["win32"])
     assert {re.split("[><=]", one)[0] for one in set(named["linux"]) - set(named["win32"])} == {"heyoka"}
 
@@ -108,15 +101,9 @@ def test_workflows_run_on_three_systems_and_every_python() -> None:
     assert matrix["python"] == ["3.11", "3.12", "3.13", "3.14"]
     needs = [job["needs"] for job in release.values() if "needs" in job]
     assert needs == ["build", ["install", "documentation"]]
-    commands = [
-        step["run"] for job in (*tests.values(), *release.values()) for step in job["steps"] if "run" in step
-    ]
-    mine = [
-        line.strip()
-        for text in commands
-        for line in text.splitlines()
-        if line.strip().startswith("linkwise ")
-    ]
+    steps = [step for job in (*tests.values(), *release.values()) for step in job["steps"]]
+    lines = [line.strip() for step in steps for line in step.get("run", "").splitlines()]
+    mine = [line for line in lines if line.startswith("linkwise ")]
     assert len(mine) == 5 and "run.csv answer" in mine[-1]
 
 
@@ -167,7 +154,7 @@ print(json.dumps([refused, files, code]))
 
 @pytest.mark.slow
 def test_every_module_loads_and_folders_are_written_without_what_other_systems_lack() -> None:
-    done = subprocess.run([sys.executable, "-c", WITHOUT], capture_output=True, text=True, check=False)
+    done = python("-c", WITHOUT, timeout=300.0)
     assert done.returncode == 0, done.stderr
     refused, files, code = json.loads(done.stdout.splitlines()[-1])
     assert set(refused) <= {"linkwise.simulation.integrator.taylor"}

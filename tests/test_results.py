@@ -1,9 +1,14 @@
-"""Every answer of a public function says whether it can be trusted; its types are public, and long work takes a progress."""
+"""Answers: what all of them can say, and what Python and a notebook show of the objects that a user holds."""
 
+import html
 import inspect
 import json
+import re
+import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -13,11 +18,13 @@ from matplotlib.figure import Figure
 from present import some
 from problems import chain_record
 from public import public
+from record_faults import changed
 from small_study import small
 from structures import oscillator
 from tapped_beam import tapped
 
 import linkwise as lw
+from linkwise.display import FIGURES, JudgedView
 from linkwise.output import to_json
 from linkwise.progress import silent
 
@@ -160,6 +167,8 @@ def test_an_answer_says_whether_it_can_be_trusted(name: str, makers: dict[str, C
     assert document["trusted"] is True
     markup = answer._repr_html_()
     assert "#1a7f37" in markup and "<script" not in markup  # green
+    heading = html.unescape(markup.partition("<strong>")[2].partition("</strong>")[0])
+    assert heading == str(answer).splitlines()[0] or name == "Estimate"
 
 
 def test_no_answer_shows_all_that_it_holds() -> None:
@@ -169,12 +178,8 @@ def test_no_answer_shows_all_that_it_holds() -> None:
 
 def test_an_inspection_with_an_alert_says_so() -> None:
     record = chain_record(2, duration=3.0).with_noise(30.0, seed=1)
-    x = record.channel("x:m1")
-    faulty = {
-        "x:m1": np.clip(x, -0.7 * np.abs(x).max(), 0.7 * np.abs(x).max()),
-        "x:m2": record.channel("x:m2"),
-    }
-    inspection = lw.inspect(lw.Record.from_arrays(record.time, faulty))
+    clipped = changed(record, x_m1=lambda x: np.clip(x, -0.7 * np.abs(x).max(), 0.7 * np.abs(x).max()))
+    inspection = lw.inspect(clipped)
     assert [alert.kind for alert in inspection.alerts] == ["clipped"]
     assert inspection.verdicts == (lw.Verdict.CHANNELS_IN_DOUBT,) and not inspection.trusted
     assert inspection.to_dict()["verdicts"] == ["CHANNELS_IN_DOUBT"]
@@ -252,3 +257,71 @@ def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
         parameter = inspect.signature(function).parameters["progress"]
         stated = parameter.annotation, parameter.default, parameter.kind
         assert stated == ("Progress", silent, inspect.Parameter.KEYWORD_ONLY), name
+
+
+def test_objects_show_themselves_in_a_line(fitted: lw.Estimate, discovered: lw.Discovery) -> None:
+    shown = {
+        "<Structure: bistable chain of 2 masses: 2 masses, 2 links>": fitted.structure,
+        "<Estimate: bistable chain of 2 masses: weak, converged, can be trusted>": fitted,
+        "<LinkEstimate: nes1 (m2 - m1): alpha*d + beta*d**3 + c*v>": fitted.link("nes1"),
+        "<CoefficientEstimate: m1.mass = 1 kg, given>": fitted.coefficient("m1.mass"),
+        "<Posterior of 3 coefficients: nes1.alpha, nes1.beta, nes1.c>": lw.estimates.Posterior.of(fitted),
+    }
+    assert {text: repr(thing) for text, thing in shown.items()} == {text: text for text in shown}
+    assert re.fullmatch(
+        r"nes1.alpha = -[\d.]+ N/m, standard error [\d.]+", str(fitted.coefficient("nes1.alpha"))
+    )
+    assert repr(discovered).startswith("<Discovery: 2 masses") and "\n" not in repr(discovered)
+    assert str(fitted.structure).splitlines()[-1].endswith("m2 - m1  alpha*d + beta*d**3 + c*v")
+    for thing in (fitted.motion, fitted.record.simulated, lw.study.read_study("paper")):
+        assert len(repr(thing)) < 200
+
+
+def test_an_estimate_is_a_table_of_pandas(fitted: lw.Estimate, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pandas")
+    table = fitted.to_dataframe()
+    alpha = fitted.coefficient("nes1.alpha")
+    assert alpha.interval is not None
+    assert tuple(table.loc["nes1.alpha"]) == (
+        alpha.value,
+        alpha.standard_error,
+        *alpha.interval,
+        "N/m",
+        False,
+    )
+    assert np.isnan(table.loc["m1.mass", "lower"]) and list(table.index)[-1] == "m2.mass"
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    message = "to_dataframe\\(\\) needs pandas, which is not installed: pip install"
+    with pytest.raises(lw.IdentificationError, match=message):
+        fitted.to_dataframe()
+
+
+def test_results_draw_themselves(chain: lw.Structure, fitted: lw.Estimate, discovered: lw.Discovery) -> None:
+    absorbed = lw.absorb(chain, duration=0.1, release={"v:m1": 1.0})
+    for result in (fitted, discovered, absorbed, lw.inspect(fitted.record)):
+        assert result.plot().axes
+
+    class Table(JudgedView):
+        verdicts = ()
+
+    with pytest.raises(TypeError, match="Table has no figure of its own: print it"):
+        Table().plot()
+    assert all(callable(resolve_name(home)) for home in FIGURES.values())
+
+
+def heading(markup: str) -> str:
+    return markup.partition("<strong>")[2].partition("</strong>")[0]
+
+
+def test_an_estimate_shows_its_trust_first(fitted: lw.Estimate) -> None:
+    good = fitted._repr_html_()
+    bad = replace(fitted, fit_verdicts=(lw.Verdict.NOT_CONVERGED,))._repr_html_()
+    assert heading(good).endswith("can be trusted") and "#1a7f37" in good and "alpha" in good
+    assert heading(bad).endswith("NOT to be trusted") and "#b42318" in bad
+
+
+def test_names_are_escaped(chain: lw.Structure) -> None:
+    hostile = replace(chain, name="<script>alert(1)</script>")
+    markup = hostile._repr_html_()
+    assert "<script" not in markup and "&lt;script&gt;" in markup
+    assert "alpha*d + beta*d**3 + c*v" in markup and "0.01 kg" in markup

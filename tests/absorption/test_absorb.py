@@ -12,14 +12,12 @@ from structures import bodies, link, structure, torsion_chain, with_links
 import linkwise as lw
 from linkwise.absorption.absorb import AbsorptionKeywords, without_sinks
 from linkwise.absorption.sinks import find_sinks
-from linkwise.model.excitation import Excitation
-from linkwise.model.structure import Coefficient, Structure
 from linkwise.simulation.simulate import ExcitationKeywords
 
 RELEASE = {"v:m1": 1.0}
 
 
-def built(text: str, *masses: float, **values: float) -> Structure:
+def built(text: str, *masses: float, **values: float) -> lw.Structure:
     """`"a: m1-ground: law; b: m2-m1: law"` with masses m1, m2, ... in kg and coefficients by name."""
     links = []
     for part in text.split("; "):
@@ -106,7 +104,7 @@ def test_a_locked_link_keeps_the_elongation_it_starts_from() -> None:
         k=100.0, c=1.0, p=-10.0, q=1e4, k3=500.0,
     )  # fmt: skip
     sinks = find_sinks(three, ("s",))
-    excitation = Excitation(
+    excitation = lw.model.Excitation(
         release={"x:m1": 0.01, "x:m2": 0.04, "v:m2": 2.0},
         impulses=(lw.model.Impulse("m2", 0.5, 0.1),),
         forces={"m2": "sin(t)", "m1": "2"},
@@ -183,15 +181,11 @@ STRUCTURE, SIMULATION = lw.StructureError, lw.SimulationError
 @pytest.mark.parametrize(
     ("structure", "changes", "error", "message"),
     [
-        (CHAIN, {"sinks": ("nes9",)}, STRUCTURE, r'unknown link "nes9".*the links are "spring1", "nes1"'),
         (CHAIN, {"sinks": ("spring1", "nes1")}, STRUCTURE, r"left with the sinks removed: no link has it as an end"),
-        (CHAIN, {"release": {}}, SIMULATION, r"nothing sets the structure in motion; give a release"),
         (CHAIN, {"release": {"v:m1": 0.0}}, SIMULATION, r"nothing sets the structure in motion"),
-        (CHAIN, {"release": {"v:m2": 1.0}}, SIMULATION, r"removed nothing sets.*; excite .* compare with the sinks locked"),
         (CHAIN, {"release": {}, "forces": {"m1": "0"}}, SIMULATION, r"removed nothing moves, so there is nothing"),
         (CHAIN, {"without": "frozen"}, STRUCTURE, r"way to take out sinks, 'frozen'; choose from 'removed', 'locked'"),
         (CHAIN, {"duration": 1e5}, SIMULATION, r"takes 5\.\de\+07 samples; give a lower rate"),
-        (CHAIN, {"settle": 1.5}, SIMULATION, r"must be between 0 and 1, got 1.5"),
         (CHAIN, {"harvesters": {"nes1": -1.0}}, STRUCTURE, r'"nes1": the damping of a harvester must be positive, got -1.0'),
         (torsion_chain(), {"harvesters": {"sink": -1.0}, "release": {"v:disc1": 6.0}}, STRUCTURE, r", got -1\.0 N m s/rad"),
         (CHAIN, {"harvesters": {"nes3": 1.0}}, STRUCTURE, r'unknown link "nes3"'),
@@ -204,7 +198,7 @@ STRUCTURE, SIMULATION = lw.StructureError, lw.SimulationError
     ],
 )  # fmt: skip
 def test_refusals(
-    structure: Structure, changes: dict[str, Any], error: type[Exception], message: str
+    structure: lw.Structure, changes: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
         lw.absorb(structure, **{"duration": 1.0, "release": RELEASE, **changes})
@@ -220,7 +214,7 @@ def test_the_text_says_what_matters_and_what_is_not_known(paper: lw.Absorption) 
     assert paper.trusted and not bad.trusted
     assert "The energy balance with sinks has an error of 2e-06 of the energy supplied" in bad.findings[0]
     sink = CHAIN.link("nes1")
-    start = {**sink.coefficients, "alpha": Coefficient.unknown(-100.0)}
+    start = {**sink.coefficients, "alpha": lw.Coefficient.unknown(-100.0)}
     guessed = lw.absorb(with_links(CHAIN, replace(sink, coefficients=start)), duration=0.5, release=RELEASE)
     assert "nes1.alpha is unknown: this result is for the start values." in guessed.findings
 

@@ -14,7 +14,6 @@ from problems import chain_record
 from structures import equal_sinks
 
 import linkwise as lw
-from linkwise.model.coefficient import Name
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -25,7 +24,7 @@ def known(
     covariance: list[list[float]], *names: str, lower: float = -np.inf, masses: int = 2
 ) -> lw.estimates.Posterior:
     bounds = np.full(len(names), lower), np.full(len(names), np.inf)
-    named = tuple(map(Name.parse, names))
+    named = tuple(map(lw.model.Name.parse, names))
     return lw.estimates.Posterior(lw.bnes_chain(masses), named, np.array(covariance), *bounds)
 
 

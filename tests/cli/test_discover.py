@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from commands import document, said
 from problems import chain_record, parsed
+from record_faults import without
 
 import linkwise as lw
 from linkwise.discovery.terms import FAMILIES
@@ -89,10 +90,7 @@ def test_a_mass_at_rest_is_told_before_the_work_and_left_out(tmp_path: Path) -> 
 
 
 def test_gaps_are_told_and_do_not_hinder(tmp_path: Path) -> None:
-    record = lw.read_record("run.csv")
-    values = record.values.copy()
-    values[300:360, 0] = np.nan
-    lw.write_record(replace(record, values=values), tmp_path / "gaps.csv")
+    lw.write_record(without(lw.read_record("run.csv"), x_m1=slice(300, 360)), tmp_path / "gaps.csv")
     out, err = said(f"discover {tmp_path}/gaps.csv {MASSES} --truth chain.toml")
     assert err == "note: x:m1: 60 of 1001 samples are missing.\n"
     assert "5 terms right\n  missing  none\n  false    none" in out

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from commands import document, said
 from present import some
-from problems import chain_record
 from structures import asked_oscillator
 
 import linkwise as lw
@@ -26,23 +25,6 @@ pytestmark = pytest.mark.usefixtures("unrendered", "inside")
 command = import_module("linkwise.cli.identify")  # the package holds the command under that name
 IDENTIFY = "identify run.csv unknown.toml"
 PROFILE = "linkwise.likelihood.optima.profiles.profile_interval"
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory, chain: lw.Structure) -> Path:
-    """A folder with the chain and two records of it."""
-    folder = tmp_path_factory.mktemp("identify")
-    lw.write_structure(chain, folder / "chain.toml")
-    lw.write_structure(chain.unknown("nes"), folder / "unknown.toml")
-    for name, speed, seed in (("run", 1.0, 1), ("run2", 0.7, 2)):
-        clean = chain_record(2, duration=1.0, speed=speed)
-        lw.write_record(clean.with_noise(30.0, seed=seed), folder / f"{name}.csv")
-    return folder
-
-
-@pytest.fixture
-def inside(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(files)
 
 
 def alpha(result: dict[str, Any]) -> Any:

@@ -8,6 +8,7 @@ import pytest
 from commands import document, said
 from present import present
 from problems import chain_record
+from record_faults import changed, without
 
 import linkwise as lw
 
@@ -30,9 +31,7 @@ def test_a_clean_record_of_each_format_gives_no_alert(suffix: str, record: lw.Re
 
 
 def test_alerts_come_first_and_name_the_options_that_mend(record: lw.Record, tmp_path: Path) -> None:
-    values = record.values.copy()
-    values[100:103, 1] = np.nan
-    lw.write_record(replace(record, values=values), tmp_path / "gaps.csv")
+    lw.write_record(without(record, x_m2=slice(100, 103)), tmp_path / "gaps.csv")
     out = said(f"inspect {tmp_path}/gaps.csv").out
     assert out.startswith("1 alert, worst first.\n! dropped x:m2: 3 of 2001 samples are missing in one gap")
     assert "the longest of 3 samples at 0.1 s" in out and "(--from S, --to S)" in out
@@ -56,11 +55,9 @@ def test_channels_that_fits_refuse_are_inspected(record: lw.Record, tmp_path: Pa
 
 
 def test_several_files_are_told_together(record: lw.Record, tmp_path: Path) -> None:
-    values = record.values.copy()
-    values[:, 0] = np.clip(values[:, 0], -0.7 * values[:, 0].max(), None)
     good, clipped = str(tmp_path / "good.csv"), str(tmp_path / "clipped.csv")
     lw.write_record(record, good)
-    lw.write_record(replace(record, values=values), clipped)
+    lw.write_record(changed(record, x_m1=lambda x: np.clip(x, -0.7 * x.max(), None)), clipped)
     printed = document(f"inspect {good} {clipped}")
     assert [summary["record"] for summary in printed["records"]] == [good, clipped]
     [alert] = printed["alerts"]

@@ -139,17 +139,8 @@ def test_attributes_of_a_file_are_counted_and_options_go_before_them(tmp_path: P
     assert not any("estimated with the other unknowns" in finding for finding in known["findings"])
 
 
-def test_what_is_known_of_sensors_survives_every_format(tmp_path: Path) -> None:
-    known = {
-        "x:m1": lw.records.SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf),
-        "common": lw.records.SensorUncertainty(gain=0.02),
-    }
+def test_files_of_other_programs_state_what_is_known_of_sensors(tmp_path: Path) -> None:
     record = chain_record(2, duration=0.2).with_noise(40.0, seed=1)
-    stated = lw.Record(0.0, record.rate, record.channels, record.values, uncertainty=known)
-    for suffix in (".h5", ".mat", ".parquet"):
-        path = tmp_path / f"run{suffix}"
-        lw.write_record(stated, path)
-        assert lw.read_record(path).uncertainty == known
     sensors = {"x:m1": {"calibration": "1 %", "offset": "+- 0.1 mm"}}
     columns = {"x_m1": record.channel("x:m1"), "x_m2": record.channel("x:m2"), "fs": np.array(1000.0)}
     text = np.array(json.dumps(sensors))

@@ -13,20 +13,11 @@ import linkwise as lw
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
-RANGE = "--from 21 --to 23 --starts 0"
-
-
-@pytest.fixture(scope="module")
-def chain_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("respond") / "chain.toml"
-    lw.write_structure(lw.bnes_chain(2), path)
-    return path
-
 
 @pytest.mark.slow
-def test_a_response_is_printed_written_and_handed_on(chain_file: Path) -> None:
-    folder = chain_file.parent / "response"
-    line = f"respond {chain_file} --force m1=0.5 --levels 0.3,0.1 --show x:m2 --from 21 --to 22 --starts 0"
+def test_a_response_is_printed_written_and_handed_on(inside: None, tmp_path: Path) -> None:
+    folder = tmp_path / "response"
+    line = "respond chain.toml --force m1=0.5 --levels 0.3,0.1 --show x:m2 --from 21 --to 22 --starts 0"
     result = document(f"{line} -o {folder}")
     assert [level["force"] for level in result["levels"]] == [0.1, 0.3]
     level = result["levels"][1]
@@ -43,7 +34,7 @@ def test_a_response_is_printed_written_and_handed_on(chain_file: Path) -> None:
     assert float(rows[0]["x:m2 amplitude"]) == pytest.approx(
         result["levels"][0]["branches"][0]["points"][0]["amplitude"]["x:m2"]
     )
-    assert "fold 2" in said(f"respond {chain_file} --force m1=0.3 --from 21 --to 22 --starts 0").out
+    assert "fold 2" in said("respond chain.toml --force m1=0.3 --from 21 --to 22 --starts 0").out
 
 
 @pytest.mark.slow
@@ -61,35 +52,15 @@ def test_an_answer_has_bands_and_tells_where_its_laws_are_extrapolated(answer_fo
     assert "its law is extrapolated there" in result["findings"][0]
 
 
-def test_a_backbone_is_printed(chain_file: Path) -> None:
-    result = document(f"backbone {chain_file} --mode 1 --to-energy 1e-3")
+def test_a_backbone_is_printed(inside: None, tmp_path: Path) -> None:
+    result = document("backbone chain.toml --mode 1 --to-energy 1e-3")
     assert result["mode"] == 1
     assert set(result["points"][0]) == {"hz", "energy", "damping", "amplitude"}
     assert result["points"][-1]["energy"] == pytest.approx(1e-3)
-    folder = chain_file.parent / "resonance"
-    printed = said(f"backbone {chain_file} --mode 1 --to-energy 1e-3 --force m2 -o {folder}").out
+    folder = tmp_path / "resonance"
+    printed = said(f"backbone chain.toml --mode 1 --to-energy 1e-3 --force m2 -o {folder}").out
     assert "Phase resonance" in printed
     assert (folder / "backbone.csv").read_text("utf-8").startswith("hz,energy,x:m1,x:m2,damping,force\n")
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        (f"respond FILE {RANGE}", "On the command line: --force MASS=N or --base x|v|a=SIZE."),
-        (f"respond FILE --force m1=0 {RANGE}", "must be positive, got 0.0. On the command line: --levels"),
-        (f"respond FILE --base a=1 {RANGE}", 'no link has "base" as an end'),
-        (f"respond FILE --force m1=1 --show a:m1 {RANGE}", "On the command line: --show CHANNEL"),
-        ("backbone FILE --mode 3", "there is no vibration in mode 3"),
-        ("backbone FILE --mode 1 --to-amplitude x:m1=nan", "got nan. On the command line: --to-amplitude"),
-        ("backbone FILE --mode 1 --to-amplitude x:m9=1", "unknown mass 'm9' in the end of a backbone"),
-        ("basins FILE --plane x:m2=1", "is not FROM:TO"),
-        ("basins FILE --plane x:m2=nan:1,v:m2=-1:1", "got nan to 1. On the command line: --plane"),
-        ("basins FILE --plane a:m2=0:1,v:m2=-1:1", "a:m2 cannot be a state of the plane"),
-        ("basins . --plane x:m2=0:1,v:m2=-1:1", "there is no structure.toml in this folder"),
-    ],
-)
-def test_what_does_not_fit_is_wrong_usage(chain_file: Path, line: str, message: str) -> None:
-    assert message in refusal(line.replace("FILE", str(chain_file)))
 
 
 def test_a_decay_at_uneven_times_is_read_as_the_mapping_file_says(
@@ -110,8 +81,8 @@ def test_a_decay_at_uneven_times_is_read_as_the_mapping_file_says(
     assert np.allclose([point["hz"] for point in measured], 20.0 / (2.0 * np.pi), rtol=0.01)
 
 
-def test_basins_are_printed(chain_file: Path) -> None:
-    result = document(f"basins {chain_file} --plane x:m2=-0.02:0.02,v:m2=-0.2:0.2 --points 4")
+def test_basins_are_printed(inside: None) -> None:
+    result = document("basins chain.toml --plane x:m2=-0.02:0.02,v:m2=-0.2:0.2 --points 4")
     assert [rest["share"] for rest in result["rests"]] == [0.5, 0.5]
     assert np.array(result["ends"]).shape == (4, 4)
 

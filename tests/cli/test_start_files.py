@@ -3,18 +3,17 @@
 import io
 import json
 import shlex
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-import openpyxl
 import pyarrow
 import pytest
 import scipy
 from commands import said
-from nptdms import ChannelObject, TdmsWriter
+from foreign_files import Response, content, lab_view, lms_signal, lvm, matlab_v73, universal, workbook
 from pyarrow import parquet
 
 import linkwise as lw
@@ -62,66 +61,30 @@ def written(write: Callable[[io.BytesIO], object]) -> bytes:
     return file.getvalue()
 
 
-def labview() -> bytes:
-    ends = "***End_of_Header***"
-    head = (
-        f"LabVIEW Measurement\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tOne\n{ends}\n\nChannels\t3\n"
-    )
-    head += f"Y_Unit_Label\tg\tg\tN\nX0\t0\t0\t0\nDelta_X\t{1 / RATE}\t{1 / RATE}\t{1 / RATE}\n{ends}\n"
-    return text(
-        head + "X_Value\tAcc frame\tAcc sink\tHammer\tComment",
-        T,
-        A1 / GRAVITY,
-        A2 / GRAVITY,
-        F,
-        separator="\t",
-    )
-
-
-def universal() -> bytes:
-    """Data sets 58 in ASCII, by the fields of the format's description."""
-    nothing = f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'NONE':<20s}\n"
-    sets = []
-    for label, code, unit, values in (
-        ("Acc frame", 12, "m/s^2", A1), ("Acc sink", 12, "m/s^2", A2), ("Hammer", 13, "N", F),
-    ):  # fmt: skip
-        lines = f"{label:<80s}\nNONE\n12-Mar-24 10:11:12\nNONE\nNONE\n"
-        lines += f"{1:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10s}{1:10d}{3:4d} {'NONE':<10s}{0:10d}{0:4d}\n"
-        lines += f"{4:10d}{N:10d}{1:10d}{0:13.5e}{1 / RATE:13.5e}{0:13.5e}\n"
-        lines += f"{17:10d}{0:5d}{0:5d}{0:5d} {'Time':<20s} {'s':<20s}\n"
-        lines += f"{code:10d}{0:5d}{0:5d}{0:5d} {'':<20s} {unit:<20s}\n" + 2 * nothing
-        lines += "".join("".join(f"{v:20.11e}" for v in values[k : k + 4]) + "\n" for k in range(0, N, 4))
-        sets.append(f"{-1:6d}\n{58:6d}\n{lines}{-1:6d}\n")
-    return "".join(sets).encode()
-
-
 def matlab(**content: Any) -> bytes:
     return written(lambda file: scipy.io.savemat(file, content, long_field_names=True))
 
 
+def labview() -> bytes:
+    rows = text("", T, A1 / GRAVITY, A2 / GRAVITY, F, separator="\t").decode().split()
+    lines = ["\t".join(rows[k : k + 4]) for k in range(0, len(rows), 4)]
+    return lvm("One", lines, "X_Value\tAcc frame\tAcc sink\tHammer\tComment", "g\tg\tN", 1 / RATE).encode()
+
+
+def uff() -> bytes:
+    sets = (("Acc frame", A1, 12, "m/s^2"), ("Acc sink", A2, 12, "m/s^2"), ("Hammer", F, 13, "N"))
+    responses = [Response(name, values, 1 / RATE, code, unit=unit) for name, values, code, unit in sets]
+    return content(".uff", lambda path: universal(path, responses))
+
+
 def signals() -> bytes:
-    def signal(name: str, unit: str, values: np.ndarray) -> dict[str, Any]:
-        axis = {
-            "start_value": 0.0,
-            "increment": 1 / RATE,
-            "number_of_values": float(N),
-            "quantity": {"label": "s"},
-        }
-        own = {"values": values[:, None], "quantity": {"label": unit}}
-        return {"x_values": axis, "y_values": own, "function_record": {"name": name, "type": "Signal"}}
-
     each = ("frame:+Z", "g", A1 / GRAVITY), ("sink:+Z", "g", A2 / GRAVITY), ("hammer:+Z", "N", F)
-    return matlab(**{f"Signal_{number}": signal(*own) for number, own in enumerate(each)})
-
-
-def later_matlab() -> bytes:
-    def write(file: io.BytesIO) -> None:
-        with h5py.File(file, "w", userblock_size=512) as content:
-            for name, values in (("t", T), ("x_frame", X1), ("x_sink", X2)):
-                content.create_dataset(name, data=values[None]).attrs["MATLAB_class"] = np.bytes_("double")
-
-    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
-    return head + written(write)[len(head) :]
+    return matlab(
+        **{
+            f"Signal_{k}": lms_signal(v[:, None], unit, name, 1 / RATE)
+            for k, (name, unit, v) in enumerate(each)
+        }
+    )
 
 
 def groups() -> bytes:
@@ -136,23 +99,14 @@ def groups() -> bytes:
 
 
 def daqmx() -> bytes:
-    def write(file: io.BytesIO) -> None:
-        with TdmsWriter(file) as writer:
-            stated = {"wf_increment": 1 / RATE, "wf_samples": N, "wf_start_offset": 0.0}
-            for name, unit, values in (
-                ("ai0 Acc Frame", "g", A1 / GRAVITY), ("ai1 Acc Sink", "g", A2 / GRAVITY), ("ai2 Hammer", "N", F),
-            ):  # fmt: skip
-                properties = {**stated, "unit_string": unit}
-                writer.write_segment([ChannelObject("Log", f"cDAQ1Mod1/{name}", values, properties)])
-
-    return written(write)
-
-
-def workbook(rows: Iterable[list[Any]]) -> bytes:
-    book = openpyxl.Workbook()
-    for row in rows:
-        book["Sheet"].append(row)
-    return written(book.save)
+    channels = {
+        "ai0 Acc Frame": (A1 / GRAVITY, "g"),
+        "ai1 Acc Sink": (A2 / GRAVITY, "g"),
+        "ai2 Hammer": (F, "N"),
+    }
+    own = {f"cDAQ1Mod1/{name}": channel for name, channel in channels.items()}
+    stated = {"wf_increment": 1 / RATE, "wf_samples": N, "wf_start_offset": 0.0}
+    return content(".tdms", lambda path: lab_view(path, own, "Log", **stated))
 
 
 def table(**columns: Any) -> bytes:
@@ -183,6 +137,9 @@ SCOPE = (
 POLYTEC = (
     "Source File Name:\trun.svd\nDomain:\tTime\nSignal:\tVib Velocity\n\nTime\tVelocity Frame\n[ s ]\t[ m/s ]"
 )
+LATER_MATLAB = content(".mat", lambda path: matlab_v73(path, {"t": T, "x_frame": X1, "x_sink": X2}))
+ROWS = [*SHEET, *np.stack([T, MM1, MM2, F], axis=1).tolist()]
+WORKBOOK = content(".xlsx", lambda path: workbook(path, ROWS))
 FILES: dict[str, tuple[str, bytes, dict[str, np.ndarray] | str]] = {  # what is mapped, or a part of what is asked
     "Excel, German": ("run.csv", text(EXCEL, 1e3 * T, MM1, MM2, F, **GERMAN), FORCED),
     "Excel, Unicode": ("run.txt", text("t [s]\tWeg Frame [mm]\tWeg Sink [mm]", T, MM1, MM2, **TABS, encoding="utf-16"), BOTH),
@@ -192,14 +149,14 @@ FILES: dict[str, tuple[str, bytes, dict[str, np.ndarray] | str]] = {  # what is 
     "savetxt": ("run.txt", text("# time[s] frame[mm] sink[mm]", T, MM1, MM2, separator=" ", number="%.9e"), BOTH),
     "Polytec": ("run.txt", text(POLYTEC, T, V1, separator="\t", number="%.9e"), {"v:frame": V1}),
     "LVM": ("run.lvm", labview(), ACCELERATED),
-    "UFF": ("run.uff", universal(), ACCELERATED),
+    "UFF": ("run.uff", uff(), ACCELERATED),
     "TDMS": ("run.tdms", daqmx(), ACCELERATED),
     "MAT v5": ("run.mat", matlab(t=T[:, None], x_frame=X1, x_sink=X2), BOTH),
-    "MAT v7.3": ("run.mat", later_matlab(), BOTH),
+    "MAT v7.3": ("run.mat", LATER_MATLAB, BOTH),
     "Testlab": ("run.mat", signals(), ACCELERATED),
     "HDF5": ("run.h5", groups(), FORCED),
     "Parquet": ("run.parquet", table(**{"Time [s]": T, "Frame [mm]": MM1, "Sink [mm]": MM2}), BOTH),
-    "XLSX": ("run.xlsx", workbook([*SHEET, *np.stack([T, MM1, MM2, F], axis=1).tolist()]), FORCED),
+    "XLSX": ("run.xlsx", WORKBOOK, FORCED),
     "NPZ": ("run.npz", written(lambda file: np.savez(file, time=T, x_frame=X1, x_sink=X2)), BOTH),
     "JSON": ("run.json", json.dumps({"fs": RATE, "x:frame": X1.tolist(), "x:sink": X2.tolist()}).encode(), BOTH),
     "pandas": ("run.parquet", table(time_ms=1e3 * T, frame_mm=MM1, sink_mm=MM2), "--channel 'x:sink[mm]=sink_mm'"),

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from present import present, some
+from record_faults import without
 from structures import link, row_of_masses, structure
 from within import masses
 
@@ -116,9 +117,7 @@ def struck(velocity: float) -> lw.Record:
 
 def with_gap() -> lw.Record:
     record = struck(1.0)
-    values = record.values.copy()
-    values[500:700, 0] = np.nan
-    return replace(record, values=values)
+    return without(record, **{str(record.channels[0]): slice(500, 700)})
 
 
 def mirrored() -> lw.Record:

@@ -26,9 +26,8 @@ pytestmark = pytest.mark.slow
 
 SINK = bodies({"sink": 0.03})
 THREE = ("a:beam.tip", "a:beam.mid", "a:sink")
-NEAR = {
-    "near": tuple(1.002 * part for part in CANTILEVER_SHAPES["tip"])
-}  # moves as the tip to within the noise
+# moves as the tip to within the noise
+NEAR = {"near": tuple(1.002 * part for part in CANTILEVER_SHAPES["tip"])}
 
 
 def beam(shapes: Mapping[str, tuple[float, ...]], *, second: float = 1.0) -> lw.Host:

@@ -13,7 +13,6 @@ from random_signals import random_force
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.plot.discoveries import departures
 from linkwise.plot.style import MEASURED
 
 RATE, DURATION = 200.0, 8.0
@@ -86,7 +85,7 @@ def test_the_page_shows_the_models_that_survive_where_they_tell_another_force(tm
     folder = lw.report.write_result(faint, tmp_path / "faint")
     assert (folder / "average.png").is_file()
     assert "Other models that survive" in (folder / "report.html").read_text(encoding="utf-8")
-    axes = departures(faint, "m1-ground")
+    axes = lw.plot.departures(faint, "m1-ground")
     drawn = [line for line in axes.lines if line.get_color() == MEASURED]
     assert len(drawn) == sum(faint.average.weights[1:] >= 0.02)
 

@@ -119,8 +119,6 @@ def test_noise_of_a_load_cell_gives_no_false_term() -> None:
     ("options", "words"),
     [
         ({"terms": "d, v, tanh(v/vr)"}, "parameters of terms (tanh(v/vr)) and random forces cannot be estimated together"),
-        ({"delays": ["x:m1"]}, "random forces and a delay of x:m1 cannot be estimated together"),
-        ({"admit": ["gain"]}, "random forces and errors of sensors to be admitted (gain)"),
         ({"ambient": ["m3"]}, "no ambient force can act on m3: the masses are m1, m2"),
     ],
 )  # fmt: skip

@@ -9,7 +9,6 @@ from problems import chain_record
 from structures import row_of_masses
 
 import linkwise as lw
-from linkwise.discovery import parse_terms
 from linkwise.discovery.candidates import DiscoveryKeywords
 
 MASSES = {"m1": 1.0, "m2": 0.01}
@@ -124,14 +123,14 @@ def valve_record() -> lw.Record:
 
 
 def test_terms_with_signals_have_names_and_units() -> None:
-    terms = parse_terms("v, u, u*d, u*v, u**2*v", {"u": "V"})
+    terms = lw.discovery.parse_terms("v, u, u*d, u*v, u**2*v", {"u": "V"})
     assert [term.product for term in terms] == ["c*v", "g_u*u", "k_u*u*d", "c_u*u*v", "a5*u**2*v"]
     assert [term.unit for term in terms[1:4]] == ["N/V", "s A/m^2", "s^2 A/m^2"]
     assert not terms[3].is_damping
     with pytest.raises(lw.IdentificationError, match=r"contains the name 'w'.* or record a channel signal:w"):
-        parse_terms("v, w*v", {"u": "V"})
+        lw.discovery.parse_terms("v, w*v", {"u": "V"})
     with pytest.raises(lw.IdentificationError, match="is a linear combination of"):
-        parse_terms("u, 2*u", {"u": "V"})
+        lw.discovery.parse_terms("u, 2*u", {"u": "V"})
 
 
 @pytest.mark.slow

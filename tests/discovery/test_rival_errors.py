@@ -6,6 +6,7 @@ from functools import cache
 
 import pytest
 from present import some
+from record_faults import changed
 from structures import row_of_masses
 from within import masses
 
@@ -72,9 +73,7 @@ def shaken(k3: float, force: float = 0.0, sensors: Sequence[str] = (), number: i
         links["m2-m1"] = ("k*d + c*v", {"k": 900.0, "c": 1.0})
     structure = row_of_masses([1.0, 0.5][:number], **links)
     record = lw.simulate(structure, forces={"m1": FORCE}, duration=8.0, rate=200.0).with_noise(40.0, seed=5)
-    moved = record.values.copy()
-    moved[:, [record.channels.index(sensor) for sensor in sensors]] += OFFSET
-    return replace(record, values=moved, simulated=None)
+    return changed(record, **{sensor: lambda x: x + OFFSET for sensor in sensors})
 
 
 def discovered(record: lw.Record, **options: list[str]) -> lw.Discovery:

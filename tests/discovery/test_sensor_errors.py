@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy
 from problems import chain_record
+from record_faults import changed
 from structures import oscillator
 from within import assert_discovered
 
@@ -21,12 +22,6 @@ def record(seed: int = 1) -> lw.Record:
     return chain_record(2, duration=0.8).with_noise(40.0, seed=seed)
 
 
-def changed(x2: np.ndarray) -> lw.Record:
-    """The record with other samples of x:m2."""
-    clean = record()
-    return replace(clean, values=np.column_stack([clean.channel("x:m1"), x2]), simulated=None)
-
-
 def test_a_calibration_widens_what_rests_on_it() -> None:
     """beta has the dimension N/m^3: scaled by a gain g of x:m2 it changes by -2 g, so its error is 2 % at least."""
     calibrated = lw.discover(record(), MASSES, calibration={"all": WIDTH})
@@ -39,7 +34,7 @@ def test_a_calibration_widens_what_rests_on_it() -> None:
 
 @pytest.mark.slow
 def test_an_error_is_found_with_the_structure_admitted_or_not() -> None:
-    faulty = changed(1.1 * record().channel("x:m2"))
+    faulty = changed(record(), x_m2=lambda x: 1.1 * x)
     by_itself, admitted = lw.discover(faulty, MASSES), lw.discover(faulty, MASSES, admit=["gain"])
     for discovery in (by_itself, admitted):
         assert_discovered(discovery, lw.bnes_chain(2))
@@ -73,7 +68,7 @@ def test_no_error_stands_for_a_term_that_is_not_offered_or_for_masses() -> None:
 @pytest.mark.slow
 def test_of_two_gains_that_explain_the_record_alike_none_is_taken() -> None:
     """One of 2 % in either channel of a free decay: the criterion differs by 2."""
-    discovery = lw.discover(changed(1.02 * record().channel("x:m2")), MASSES, admit="gain")
+    discovery = lw.discover(changed(record(), x_m2=lambda x: 1.02 * x), MASSES, admit="gain")
     assert not discovery.trusted
     assert {cause.where for cause in discovery.diagnosis[:2]} == {"x:m1", "x:m2"}
 
@@ -81,7 +76,7 @@ def test_of_two_gains_that_explain_the_record_alike_none_is_taken() -> None:
 @pytest.mark.slow
 def test_a_delay_that_is_named_is_found() -> None:
     x = record().channel("x:m2")
-    late = changed(np.concatenate([np.full(LATE, x[0]), x[:-LATE]]))
+    late = changed(record(), x_m2=np.concatenate([np.full(LATE, x[0]), x[:-LATE]]))
     faulty = late.between(0.01, 0.8)  # without the samples that the shift has repeated
     discovery = lw.discover(faulty, MASSES, delays=["x:m2"])
     assert_discovered(discovery, lw.bnes_chain(2))

@@ -1,10 +1,9 @@
 """The check of a built site finds dead links and anchors, and what a page would load from elsewhere."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import python
 
 SCRIPT = Path(__file__).resolve().parents[2] / "docs" / "check_site.py"
 GOOD = """<link rel="canonical" href="https://example.org/"><link rel="stylesheet" href="style.css">
@@ -17,9 +16,7 @@ def checked(site: Path, page: str = GOOD, style: str = "a { color: red }") -> tu
     (site / "index.html").write_text(page, encoding="utf-8")
     (site / "sub" / "index.html").write_text('<p id="part">', encoding="utf-8")
     (site / "style.css").write_text(style, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), str(site)], capture_output=True, text=True, check=False
-    )
+    done = python(str(SCRIPT), str(site))
     return done.returncode, done.stderr
 
 
@@ -50,7 +47,5 @@ def test_remote_fonts_of_style_sheets_are_found(tmp_path: Path) -> None:
 
 
 def test_empty_site_is_refused(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), str(tmp_path)], capture_output=True, text=True, check=False
-    )
+    done = python(str(SCRIPT), str(tmp_path))
     assert done.returncode == 1 and "holds no page" in done.stderr

@@ -16,12 +16,6 @@ from linkwise.estimates.link_estimate import LinkEstimate
 from linkwise.plot.links import loop_figure
 
 
-@pytest.fixture
-def unseen(fitted: lw.Estimate) -> lw.Estimate:
-    """The same estimate as if its record had been unseen: nobody knows the truth."""
-    return replace(fitted, record=replace(fitted.record, simulated=None))
-
-
 def test_curve_of_a_simulated_record_has_the_truth(fitted: lw.Estimate, chain: lw.Structure) -> None:
     curve = force_curve(fitted, "nes1")
     assert curve.true is not None and curve.samples_are_true

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.errors import RecordError
-from linkwise.files import read_record
-from linkwise.records.record import Record
 
-Reader = Callable[..., Record]
+Reader = Callable[..., lw.Record]
 N = 60
 T = np.arange(N) / 100.0
 X = np.round(np.sin(20.0 * T), 6)
@@ -34,10 +32,10 @@ def body(*, delimiter: str = ",", comma: bool = False, rows: dict[int, str] | No
 def read(tmp_path: Path) -> Reader:
     """Write the text (or bytes) to a file and read it."""
 
-    def write_and_read(content: str | bytes, name: str = "run.csv", **options: Any) -> Record:
+    def write_and_read(content: str | bytes, name: str = "run.csv", **options: Any) -> lw.Record:
         path = tmp_path / name
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return read_record(path, **options)
+        return lw.read_record(path, **options)
 
     return write_and_read
 
@@ -46,7 +44,7 @@ def text(header: str, lines: list[str], end: str = "\n") -> str:
     return end.join([header, *lines]) + end
 
 
-def check(record: Record) -> None:
+def check(record: lw.Record) -> None:
     assert record.channels == ("x:m1", "force:m1")
     assert record.rate == 100.0
     assert record.start == 0.0
@@ -153,7 +151,7 @@ def test_columns_are_mapped_by_name_and_number(read: Reader) -> None:
     assert record.channel("x:m1") == pytest.approx(1e-3 * X, rel=1e-15)
     assert record.channel("force:m1") == pytest.approx(1e3 * F, rel=1e-15)
     check(read("\n".join(body()), channels={"time": "1", "x:m1": 2, "force:m1": 3}))  # without a header
-    with pytest.raises(RecordError, match="the name of 2 columns; give the number of the column instead"):
+    with pytest.raises(lw.RecordError, match="the name of 2 columns; give the number of the column instead"):
         read(text("time,probe,probe", body()), channels={"x:m1": "probe"})
     assert np.array_equal(read(text("time,probe,probe", body()), channels={"x:m1": 3}).channel("x:m1"), F)
     # a mapped channel wins over a header
@@ -227,7 +225,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("content", "message"), REFUSED)
 def test_what_cannot_be_read_is_one_clear_error(read: Reader, content: str | bytes, message: str) -> None:
-    with pytest.raises(RecordError) as caught:
+    with pytest.raises(lw.RecordError) as caught:
         read(content)
     said = str(caught.value)
     assert message in said and "run.csv" in said and "\n" not in said
@@ -253,7 +251,7 @@ OPTIONS = [
 
 @pytest.mark.parametrize(("options", "message"), OPTIONS)
 def test_options_that_do_not_fit_are_refused(read: Reader, options: dict[str, Any], message: str) -> None:
-    with pytest.raises(RecordError) as caught:
+    with pytest.raises(lw.RecordError) as caught:
         read(text(HEADER, body()), **options)
     assert message in str(caught.value)
 
@@ -283,7 +281,7 @@ def test_an_uneven_time_is_resampled_gaps_stay_open_and_a_rate_far_above_is_refu
         "noise of neighbouring samples is no longer independent.",
     )
     message = r"2500 Hz is finer than needed, .* resample to at most 24\d\d\.?\d* Hz"
-    with pytest.raises(RecordError, match=message):
+    with pytest.raises(lw.RecordError, match=message):
         read(sine_at(t), resample=2500.0)
     t = np.delete(t, np.arange(100, 130))
     record = read(sine_at(t), resample=1000.0)
@@ -296,9 +294,9 @@ def test_an_uneven_time_is_resampled_gaps_stay_open_and_a_rate_far_above_is_refu
 
 
 def test_the_measured_records_are_read(shared_data: Path) -> None:
-    beam = read_record(shared_data / "magnet_beam_decay.csv")
+    beam = lw.read_record(shared_data / "magnet_beam_decay.csv")
     assert (beam.channels, beam.rate, len(beam), beam.notes) == (("x:m1",), 1000.0, 3000, ())
-    silver = read_record(shared_data / "silverbox_multisine.csv")
+    silver = lw.read_record(shared_data / "silverbox_multisine.csv")
     assert (silver.channels, silver.rate, len(silver)) == (("force:m1", "x:m1"), 1.0 / 0.0016384, 65062)
     assert silver.inputs == ("force:m1",)
 
@@ -313,7 +311,7 @@ def test_what_an_oscilloscope_had_no_range_for_is_a_bound(above: str, below: str
     ]  # a row that is not there
     path = tmp_path / "scope.csv"
     path.write_text("time,x:m1[mm]\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    record = read_record(path)
+    record = lw.read_record(path)
     samples, clipped = record.channel("x:m1"), record.clipped["x:m1"]
     there = time != 1.0
     assert np.array_equal(np.isnan(samples), (motion > 0.8) | (motion < -0.9) | ~there)
@@ -323,4 +321,4 @@ def test_what_an_oscilloscope_had_no_range_for_is_a_bound(above: str, below: str
     assert clipped.of(samples) is clipped
     number = int(((motion > 0.8) | (motion < -0.9)).sum())
     assert f"x:m1: {number} samples were marked as missing (infinite," in " ".join(record.notes)
-    assert dict(read_record(path, resample=100.0).clipped) == {}
+    assert dict(lw.read_record(path, resample=100.0).clipped) == {}

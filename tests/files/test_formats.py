@@ -5,18 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import nptdms
 import numpy as np
 import pyarrow
 import pytest
-import pyuff
+from foreign_files import Response, lab_view, matlab_v73, universal
 from present import some
 from pyarrow import parquet
 from scipy.io import savemat, whosmat
 
-from linkwise.errors import RecordError
-from linkwise.files import read_record, write_record
-from linkwise.records.record import Record
+import linkwise as lw
 
 N = 200
 RATE = 250.0
@@ -29,29 +26,33 @@ KEEPING = WRITTEN[1:]  # the formats that keep noise, source and notes
 
 
 @pytest.fixture
-def record() -> Record:
-    values = np.random.default_rng(0).standard_normal((N, 4)) * [1.0, 1e-9, 1e12, 1.0]
+def record() -> lw.Record:
+    values = np.random.default_rng(0).standard_normal((N, 6)) * [1.0, 1e-9, 1e12, 1.0, 1.0, 1.0]
     values[7, 1] = np.nan
     values[50:60] = np.nan
-    names = ("x:m1", "a:left arm-2", "force:m1", "v:base")
+    names = ("x:m1", "a:left arm-2", "force:m1", "v:base", "f:link", "state:link.V")
     stated: dict[str, Any] = {"noise": {"a:left arm-2": 0.25}, "interpolation": {"force:m1": "held"}}
-    return Record(0.3, 100.0 * np.pi, names, values, source="rig", notes=("As built.",), **stated)
+    stated["uncertainty"] = {
+        "x:m1": lw.records.SensorUncertainty(gain=0.01, offset=1e-4, delay=np.inf),
+        "common": lw.records.SensorUncertainty(gain=0.02),
+    }
+    return lw.Record(0.3, 100.0 * np.pi, names, values, source="rig", notes=("As built.",), **stated)
 
 
 # There and back ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("suffix", WRITTEN)
-def test_there_and_back_nothing_changes(record: Record, tmp_path: Path, suffix: str) -> None:
+def test_there_and_back_nothing_changes(record: lw.Record, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
-    write_record(record, path)
-    again = read_record(path)
+    lw.write_record(record, path)
+    again = lw.read_record(path)
     assert again.channels == record.channels
     assert np.array_equal(again.values, record.values, equal_nan=True)
     assert np.array_equal(again.time, record.time)
     assert (again.start, again.rate) == (record.start, record.rate)
-    write_record(again, path)  # over the old one
-    third = read_record(path)
+    lw.write_record(again, path)  # over the old one
+    third = lw.read_record(path)
     assert np.array_equal(third.values, record.values, equal_nan=True)
     assert np.array_equal(third.time, record.time)
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]  # no part of a file is left
@@ -59,6 +60,7 @@ def test_there_and_back_nothing_changes(record: Record, tmp_path: Path, suffix: 
         assert again.noise == {"a:left arm-2": 0.25}
         assert again.source == "rig"
         assert again.interpolation == {"force:m1": "held"}
+        assert again.uncertainty == record.uncertainty
         assert again.notes[0] == "As built."
         assert not any("ignored" in note for note in again.notes)
 
@@ -70,8 +72,8 @@ def test_there_and_back_nothing_changes(record: Record, tmp_path: Path, suffix: 
 def test_a_damaged_file_is_one_clear_error(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     path.write_bytes(b"this is not what the suffix says, " * 20)
-    with pytest.raises(RecordError) as caught:
-        read_record(path)
+    with pytest.raises(lw.RecordError) as caught:
+        lw.read_record(path)
     said = str(caught.value)
     assert said.startswith(str(path)) and "\n" not in said
     words = (f"cannot be read as a {suffix} file: ", "is not an HDF5 file", "contains no time response")
@@ -93,8 +95,8 @@ def test_a_path_that_leads_nowhere(tmp_path: Path, name: str, message: str) -> N
     for file_name in ("run.xyz", "run", "run.mat"):
         (tmp_path / file_name).write_text("x")
     (tmp_path / "folder.csv").mkdir()
-    with pytest.raises(RecordError) as caught:
-        read_record(tmp_path / name)
+    with pytest.raises(lw.RecordError) as caught:
+        lw.read_record(tmp_path / name)
     assert message in str(caught.value)
 
 
@@ -108,36 +110,36 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
     (tmp_path / f"run{suffix}").write_text("x")
     monkeypatch.setitem(sys.modules, library, None)
     monkeypatch.delitem(sys.modules, f"linkwise.files.{module}", raising=False)
-    with pytest.raises(RecordError) as caught:
-        read_record(tmp_path / f"run{suffix}")
+    with pytest.raises(lw.RecordError) as caught:
+        lw.read_record(tmp_path / f"run{suffix}")
     assert f"{suffix} files need the library {library}" in str(caught.value)
     assert "pip install 'linkwise[files]'" in str(caught.value)
 
 
-def test_writing_refuses_what_it_cannot_write(record: Record, tmp_path: Path) -> None:
+def test_writing_refuses_what_it_cannot_write(record: lw.Record, tmp_path: Path) -> None:
     message = r"records cannot be written as .tdms; use one of .csv, .mat, .h5, .hdf5, .parquet"
-    with pytest.raises(RecordError, match=message):
-        write_record(record, tmp_path / "run.tdms")
+    with pytest.raises(lw.RecordError, match=message):
+        lw.write_record(record, tmp_path / "run.tdms")
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(RecordError, match="cannot be written: File exists"):
-        write_record(record, tmp_path / "file" / "run.csv")
+    with pytest.raises(lw.RecordError, match="cannot be written: File exists"):
+        lw.write_record(record, tmp_path / "file" / "run.csv")
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError()])
 def test_a_write_that_fails_leaves_the_old_file(
-    record: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+    record: lw.Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     path = tmp_path / "run.mat"
-    write_record(record, path)
+    lw.write_record(record, path)
     before = path.read_bytes()
 
-    def broken(_record: Record, part: Path) -> None:
+    def broken(_record: lw.Record, part: Path) -> None:
         part.write_bytes(before[:100])
         raise error
 
     monkeypatch.setattr("linkwise.files.mat.write", broken)
-    with pytest.raises((RecordError, MemoryError)):
-        write_record(record, path)
+    with pytest.raises((lw.RecordError, MemoryError)):
+        lw.write_record(record, path)
     assert path.read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.mat"]
 
@@ -145,7 +147,7 @@ def test_a_write_that_fails_leaves_the_old_file(
 # MATLAB --------------------------------------------------------------------------------------------------------
 
 
-def check(record: Record, channels: tuple[str, ...] = ("x:m1", "a:m2", "force:m1")) -> None:
+def check(record: lw.Record, channels: tuple[str, ...] = ("x:m1", "a:m2", "force:m1")) -> None:
     assert record.channels == channels
     assert record.rate == RATE
     for name, expected in (("x:m1", X), ("a:m2", A), ("force:m1", F)):
@@ -156,48 +158,15 @@ def check(record: Record, channels: tuple[str, ...] = ("x:m1", "a:m2", "force:m1
 def test_mat_v5_variables_structs_matrices_and_rates(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"time": T, "x_m1": X, "a_m2": A[:, np.newaxis], "force_m1": F, "comment": "as measured"})
-    check(read_record(path))
+    check(lw.read_record(path))
     savemat(path, {"run": {"x_m1": X, "rest": np.column_stack([A, F])}, "fs": RATE})
-    record = read_record(path, channels={"a:m2": "run/rest(:,1)", "force:m1": "rest(:,2)"})
+    record = lw.read_record(path, channels={"a:m2": "run/rest(:,1)", "force:m1": "rest(:,2)"})
     check(record, ("a:m2", "force:m1", "x:m1"))
     # names that name no mass are not guessed
     savemat(path, {"time": T, "x_m1": X, "a_1": A, "v_max": F})
-    record = read_record(path, known_masses=["m1", "m2"])
+    record = lw.read_record(path, known_masses=["m1", "m2"])
     assert record.channels == ("x:m1",)
     assert record.notes == ("Columns that are not channels were ignored: a_1, v_max.",)
-
-
-def matlab_v73(path: Path, variables: dict[str, Any]) -> None:
-    """A file as MATLAB's `save -v7.3` lays it out: 512 bytes of header, arrays transposed, text as numbers."""
-
-    def put(group: h5py.Group, name: str, value: Any) -> None:
-        if isinstance(value, dict):
-            struct = group.create_group(name)
-            struct.attrs["MATLAB_class"] = np.bytes_("struct")
-            for field, member in value.items():
-                put(struct, field, member)
-        elif isinstance(value, str):
-            codes = np.frombuffer(value.encode("utf-16-le"), np.uint16)[:, np.newaxis]
-            group.create_dataset(name, data=codes).attrs["MATLAB_class"] = np.bytes_("char")
-        elif isinstance(value, list):
-            references = np.empty((len(value), 1), dtype=h5py.ref_dtype)
-            for i, member in enumerate(value):
-                put(file["#refs#"], f"{name}{i}", member)
-                references[i, 0] = file["#refs#"][f"{name}{i}"].ref
-            cells = group.create_dataset(name, data=references, dtype=h5py.ref_dtype)
-            cells.attrs["MATLAB_class"] = np.bytes_("cell")
-        else:
-            item = group.create_dataset(name, data=np.atleast_2d(value).T)
-            item.attrs["MATLAB_class"] = np.bytes_("double")
-
-    with h5py.File(path, "w", userblock_size=512) as file:
-        file.create_group("#refs#")
-        for name, value in variables.items():
-            put(file, name, value)
-        empty = file.create_dataset("nothing", data=np.zeros(2, np.uint64))
-        empty.attrs["MATLAB_class"], empty.attrs["MATLAB_empty"] = np.bytes_("double"), 1
-    with open(path, "r+b") as raw:
-        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
 
 
 def test_mat_v73(tmp_path: Path) -> None:
@@ -205,7 +174,7 @@ def test_mat_v73(tmp_path: Path) -> None:
     run = {"comment": "as measured", "gain": 2.0, "force_m1": F[:, np.newaxis]}
     data = np.column_stack([A, F])
     matlab_v73(path, {"time": T[:, np.newaxis], "x_m1": X, "data": data, "run": run, "parts": ["one", "two"]})
-    record = read_record(path, channels={"a:m2": "data(:,1)"})
+    record = lw.read_record(path, channels={"a:m2": "data(:,1)"})
     check(record, ("a:m2", "force:m1", "x:m1"))
     ignored = "Columns that are not channels were ignored: data(:,2), nothing (empty), parts (a cell array)."
     assert record.notes == (ignored,)
@@ -215,7 +184,7 @@ def test_mat_v73(tmp_path: Path) -> None:
     noise = np.array([0.5, np.nan, np.nan])
     stated = {"start": 0.0, "rate": RATE, "noise": noise, "notes": ["One."], "source": "rig"}
     matlab_v73(path, {**variables, "channels": names, "variables": list(variables), **stated})
-    record = read_record(path)
+    record = lw.read_record(path)
     assert set(record.channels) == set(names)
     assert record.noise == {"x:m1": 0.5}
     assert record.notes == ("One.", "Columns that are not channels were ignored: nothing (empty).")
@@ -232,16 +201,16 @@ def test_mat_v73(tmp_path: Path) -> None:
 )
 def test_mat_columns_that_do_not_fit_are_refused(tmp_path: Path, values: Any, message: str) -> None:
     savemat(tmp_path / "run.mat", {"time": T, "x_m1": values})
-    with pytest.raises(RecordError, match=message):
-        read_record(tmp_path / "run.mat")
+    with pytest.raises(lw.RecordError, match=message):
+        lw.read_record(tmp_path / "run.mat")
 
 
 def test_mat_names_stay_apart_and_within_matlabs_length(tmp_path: Path) -> None:
     names = (*(f"x:{'m' * 70}{i}" for i in range(3)), "a:m-1", "a:m 1")
     values = np.random.default_rng(6).normal(size=(N, len(names)))
-    write_record(Record(0.0, RATE, names, values), tmp_path / "run.mat")
+    lw.write_record(lw.Record(0.0, RATE, names, values), tmp_path / "run.mat")
     assert all(name.isidentifier() and len(name) <= 63 for name, *_ in some(whosmat(tmp_path / "run.mat")))
-    again = read_record(tmp_path / "run.mat")
+    again = lw.read_record(tmp_path / "run.mat")
     assert again.channels == names and np.array_equal(again.values, values)
 
 
@@ -251,38 +220,32 @@ def test_mat_names_stay_apart_and_within_matlabs_length(tmp_path: Path) -> None:
 def test_hdf5_flat_data_sets_with_units(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     with h5py.File(path, "w") as file:
-        for name, value in (
-            ("t", T),
-            ("x:m1", 1e3 * X),
-            ("a:m2", A),
-            ("force:m1", F),
-            ("label", "as measured"),
-        ):
-            file[name] = value
+        file["t"], file["x:m1"], file["a:m2"], file["force:m1"] = T, 1e3 * X, A, F
+        file["label"] = "as measured"
         file["x:m1"].attrs["units"] = b"mm"
         file["a:m2"].attrs["unit"] = "m/s^2"
-    record = read_record(path)
+    record = lw.read_record(path)
     assert set(record.channels) == {"x:m1", "a:m2", "force:m1"}
     assert record.channel("x:m1") == pytest.approx(X, rel=1e-15)
     assert np.array_equal(record.channel("a:m2"), A)
     with h5py.File(path, "w") as file:  # a stated rate that contradicts the time gives way
         file["time"], file["x:m1"], file.attrs["rate"] = T, X, 2.0 * RATE
-    check(read_record(path), ("x:m1",))
+    check(lw.read_record(path), ("x:m1",))
 
 
-def test_hdf5_groups_a_rate_at_the_root_and_a_later_layout(record: Record, tmp_path: Path) -> None:
+def test_hdf5_groups_a_rate_at_the_root_and_a_later_layout(record: lw.Record, tmp_path: Path) -> None:
     path = tmp_path / "run.hdf5"
     with h5py.File(path, "w") as file:
         file["day 1/rig/x:m1"] = X
         file["day 1/rig/probe"] = F
         file.attrs["rate"] = RATE
-    check(read_record(path, channels={"force:m1": "day 1/rig/probe"}), ("force:m1", "x:m1"))
-    write_record(record, path)
+    check(lw.read_record(path, channels={"force:m1": "day 1/rig/probe"}), ("force:m1", "x:m1"))
+    lw.write_record(record, path)
     with h5py.File(path, "a") as file:
         file.attrs["version"] = 99
     message = r"by a later version of linkwise \(layout 99; this version reads up to 1\)"
-    with pytest.raises(RecordError, match=message):
-        read_record(path)
+    with pytest.raises(lw.RecordError, match=message):
+        lw.read_record(path)
 
 
 # Parquet, UFF, TDMS --------------------------------------------------------------------------------------------
@@ -293,69 +256,41 @@ def test_parquet_with_nulls_integers_and_text(tmp_path: Path) -> None:
     steps = [None if i == 5 else i % 7 for i in range(N)]
     table = pyarrow.table({"time": T, "x:m1[mm]": X, "x:m2": steps, "day": ["mon"] * N, "v:m1": ["fast"] * N})
     parquet.write_table(table, path)
-    record = read_record(path, channels={"v:m1[m/s]": "x:m1"})
+    record = lw.read_record(path, channels={"v:m1[m/s]": "x:m1"})
     assert record.channels == ("v:m1", "x:m2")
     assert np.argwhere(record.missing).tolist() == [[5, 1]]
-    with pytest.raises(RecordError, match="channel v:m1: 'fast' is not a number"):
-        read_record(path)
-
-
-UNITS = ("len_unit_exp", "force_unit_exp", "temp_unit_exp", "spec_data_type")
-
-
-def universal(path: Path, sets: list[tuple[Any, ...]]) -> None:
-    """A universal file of type-58 sets: (id line, values, quantity code, node, unit, even step or None for T)."""
-    axes = ("abscissa", "ordinate", "orddenom", "z_axis")
-    none: dict[str, Any] = {f"{axis}_{unit}": 0 for axis in axes for unit in UNITS}
-    none |= {f"{axis}_axis_units_lab": "NONE" for axis in axes} | {f"id{k}": "NONE" for k in range(2, 6)}
-    for i, (label, values, quantity, node, unit, step) in enumerate(sets):
-        data = {
-            **none, "type": 58, "binary": 0, "id1": label, "func_type": 1, "ver_num": 1, "load_case_id": 0,
-            "rsp_ent_name": "NONE", "rsp_node": node, "rsp_dir": 3, "ref_ent_name": "NONE", "ref_node": 0, "ref_dir": 0,
-            "ord_data_type": 4, "num_pts": len(values), "abscissa_spacing": 0 if step is None else 1, "abscissa_min": 0.0,
-            "abscissa_inc": step or 0.0, "ordinate_spec_data_type": quantity, "ordinate_axis_units_lab": unit,
-            "z_axis_value": 0.0, "abscissa_spec_data_type": 17, "x": T if step is None else np.arange(N) * step,
-            "data": values,
-        }  # fmt: skip
-        pyuff.UFF(str(path)).write_sets(data, "overwrite" if i == 0 else "add")
+    with pytest.raises(lw.RecordError, match="channel v:m1: 'fast' is not a number"):
+        lw.read_record(path)
 
 
 def test_uff_58_by_name_by_node_and_by_mapping(tmp_path: Path) -> None:
     path = tmp_path / "run.uff"
-    hammer, step = ("hammer", F, 13, 1, "N", 1.0 / RATE), 1.0 / RATE
-    universal(path, [("x:m1", 1e3 * X, 8, 1, "mm", step), ("NONE", A, 12, 2, "m/s^2", step), hammer])
-    record = read_record(path, channels={"force:m1": "hammer"})
+    step = 1.0 / RATE
+    hammer = Response("hammer", F, step, 13, 1, "N")
+    universal(
+        path,
+        [Response("x:m1", 1e3 * X, step, 8, unit="mm"), Response("NONE", A, step, 12, 2, "m/s^2"), hammer],
+    )
+    record = lw.read_record(path, channels={"force:m1": "hammer"})
     assert record.channels == ("force:m1", "x:m1", "a:2")
     assert record.rate == RATE
     # The ASCII format is written with 12 significant digits.
     for name, expected in (("x:m1", X), ("a:2", A), ("force:m1", F)):
         assert record.channel(name) == pytest.approx(expected, rel=1e-11, abs=1e-15)
-    universal(path, [("x:m1", X, 8, 1, "m", step), ("x:m2", A, 8, 2, "m", 0.5 / RATE)])
-    with pytest.raises(RecordError, match=r"channel x:m2\[m\]: has a different time axis than x:m1\[m\]"):
-        read_record(path)
+    universal(path, [Response("x:m1", X, step, unit="m"), Response("x:m2", A, 0.5 / RATE, unit="m")])
+    with pytest.raises(lw.RecordError, match=r"channel x:m2\[m\]: has a different time axis than x:m1\[m\]"):
+        lw.read_record(path)
 
 
-@pytest.mark.parametrize(("step", "rate"), [(1.0 / 48000.0, 48000.0), (None, RATE)])
-def test_uff_58_rate_from_six_digits_or_a_time_column(
-    tmp_path: Path, step: float | None, rate: float
-) -> None:
-    universal(tmp_path / "run.unv", [("x:m1", X, 8, 1, "m", step)])
-    record = read_record(tmp_path / "run.unv")
+@pytest.mark.parametrize(("step", "rate"), [(1.0 / 48000.0, 48000.0), (T, RATE)])
+def test_uff_58_rate_from_six_digits_or_a_time_column(tmp_path: Path, step: Any, rate: float) -> None:
+    universal(tmp_path / "run.unv", [Response("x:m1", X, step)])
+    record = lw.read_record(tmp_path / "run.unv")
     assert record.rate == rate
     assert record.channel("x:m1") == pytest.approx(X, rel=1e-11, abs=1e-15)
 
 
 STRAIN = Path(__file__).parents[3] / "shared" / "cases" / "tdms-strain"
-
-
-def lab_view(path: Path, channels: dict[str, tuple[Any, str]], **properties: Any) -> None:
-    """A TDMS file of one group `rig`: name -> (values, unit)."""
-    objects = [
-        nptdms.ChannelObject("rig", name, values, {**properties, **({"unit_string": unit} if unit else {})})
-        for name, (values, unit) in channels.items()
-    ]
-    with nptdms.TdmsWriter(str(path)) as writer:
-        writer.write_segment(objects)
 
 
 def test_tdms_with_a_waveform_step_with_a_time_channel_and_with_a_text_that_cannot_be_decoded(
@@ -364,14 +299,14 @@ def test_tdms_with_a_waveform_step_with_a_time_channel_and_with_a_text_that_cann
     path = tmp_path / "run.tdms"
     channels = {"x:m1": (X, "m"), "a:m2": (A, "m/s^2"), "probe": (F, "N")}
     lab_view(path, channels, wf_increment=1.0 / RATE, wf_start_offset=0.5)
-    record = read_record(path, channels={"force:m1": "probe"})
+    record = lw.read_record(path, channels={"force:m1": "probe"})
     check(record, ("force:m1", "x:m1", "a:m2"))
     assert record.start == 0.5
     lab_view(path, {"time": (1000.0 * T, "ms"), "x:m1": (X, "")})
-    check(read_record(path), ("x:m1",))
+    check(lw.read_record(path), ("x:m1",))
     lab_view(path, {"x:m1": (X, "m")}, wf_increment=1.0 / RATE, remark="sound")
     path.write_bytes(path.read_bytes().replace(b"sound", b"\x87ound"))
-    damaged = read_record(path)
+    damaged = lw.read_record(path)
     check(damaged, ("x:m1",))
     assert damaged.notes[0].startswith("nptdms: Error decoding string from bytes")
     assert not caplog.records
@@ -382,33 +317,34 @@ def test_tdms_with_a_scale_that_the_library_does_not_know_is_refused(kind: str, 
     """It gives counts for what the file states to be in the unit of the channel."""
     path = tmp_path / "run.tdms"
     counts = (1000.0 * X).astype(np.int16)
-    scale = {"wf_increment": 1.0 / RATE, "NI_Scaling_Status": "unscaled", "NI_Number_Of_Scales": 1}
+    scale: dict[str, Any] = {
+        "wf_increment": 1.0 / RATE,
+        "NI_Scaling_Status": "unscaled",
+        "NI_Number_Of_Scales": 1,
+    }
     scale |= {"NI_Scale[0]_Scale_Type": kind, f"NI_Scale[0]_{kind}_Input_Source": 2**32 - 1}
     lab_view(path, {"x:m1": (counts, "mm")}, **scale)
     with pytest.raises(
-        RecordError, match=f"the samples of 'x:m1' are counts, which a scale of the kind {kind}"
+        lw.RecordError, match=f"the samples of 'x:m1' are counts, which a scale of the kind {kind}"
     ):
-        read_record(path)
+        lw.read_record(path)
     lab_view(path, {"x:m1": (1000.0 * X, "mm")}, **{**scale, "NI_Scaling_Status": "scaled"})
-    assert read_record(path).channel("x:m1") == pytest.approx(X, rel=1e-12)
+    assert lw.read_record(path).channel("x:m1") == pytest.approx(X, rel=1e-12)
     linear = {key.replace(kind, "Linear"): value for key, value in scale.items()}
-    linear |= {
-        "NI_Scale[0]_Scale_Type": "Linear",
-        "NI_Scale[0]_Linear_Slope": 1e-3,
-        "NI_Scale[0]_Linear_Y_Intercept": 0.0,
-    }
+    linear |= {"NI_Scale[0]_Scale_Type": "Linear", "NI_Scale[0]_Linear_Slope": 1e-3}
+    linear["NI_Scale[0]_Linear_Y_Intercept"] = 0.0
     lab_view(path, {"x:m1": (counts, "m")}, **linear)
-    assert read_record(path).channel("x:m1") == pytest.approx(1e-3 * counts, rel=1e-12)
+    assert lw.read_record(path).channel("x:m1") == pytest.approx(1e-3 * counts, rel=1e-12)
 
 
 @pytest.mark.skipif(not STRAIN.exists(), reason="the shared cases are not here")
 def test_shared_scales_of_tdms_are_read_told_or_refused() -> None:
     a = {"a:m1[g]": "Acc1"}
     for kind, name in (("Reciprocal", "reciprocal"), ("PieceWisePolynomial", "piecewise")):
-        with pytest.raises(RecordError, match=f"'Acc1' are counts, which a scale of the kind {kind}"):
-            read_record(STRAIN / f"{name}.tdms", channels=a)
-    assert read_record(STRAIN / "linear.tdms", channels=a).notes == ()
-    assert "Acc1 holds a strain" in read_record(STRAIN / "halfbridge.tdms", channels=a).notes[0]
+        with pytest.raises(lw.RecordError, match=f"'Acc1' are counts, which a scale of the kind {kind}"):
+            lw.read_record(STRAIN / f"{name}.tdms", channels=a)
+    assert lw.read_record(STRAIN / "linear.tdms", channels=a).notes == ()
+    assert "Acc1 holds a strain" in lw.read_record(STRAIN / "halfbridge.tdms", channels=a).notes[0]
 
 
 def test_what_a_library_warns_of_is_a_note(tmp_path: Path) -> None:
@@ -417,6 +353,6 @@ def test_what_a_library_warns_of_is_a_note(tmp_path: Path) -> None:
     savemat(first, {"fs": RATE, "x_m1": X})
     savemat(second, {"x_m1": 2.0 * X})
     first.write_bytes(first.read_bytes() + second.read_bytes()[128:])
-    record = read_record(first)
+    record = lw.read_record(first)
     assert np.array_equal(record.channel("x:m1"), 2.0 * X)
     assert record.notes[0].startswith('While reading: Duplicate variable name "x_m1" in stream')

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy
-from nptdms import ChannelObject, TdmsWriter
+from foreign_files import lab_view
 
 from linkwise.files import read_table
 from linkwise.files.column_guesses import (
@@ -111,12 +111,9 @@ def test_german_files_units_below_headers_and_times_in_another_unit(tmp_path: Pa
 
 
 def test_files_of_laboratory_programs(tmp_path: Path) -> None:
-    with TdmsWriter(tmp_path / "run.tdms") as writer:
-        properties = {"wf_increment": 1.0 / RATE, "wf_samples": COUNT, "wf_start_offset": 0.0}
-        for name, unit in (("Acc frame", "g"), ("cDAQ1Mod1_ai1", "mm"), ("ai2", "V")):
-            writer.write_segment(
-                [ChannelObject("log", name, np.sin(np.arange(COUNT)), {**properties, "unit_string": unit})]
-            )
+    wave, units = np.sin(np.arange(COUNT)), {"Acc frame": "g", "cDAQ1Mod1_ai1": "mm", "ai2": "V"}
+    channels = {name: (wave, unit) for name, unit in units.items()}
+    lab_view(tmp_path / "run.tdms", channels, wf_increment=1.0 / RATE, wf_samples=COUNT, wf_start_offset=0.0)
     assert held(tmp_path / "run.tdms", RIG) == ["a:frame[g]", "x:frame[mm] mass?", "-[V]"]
     scipy.io.savemat(
         tmp_path / "run.mat",

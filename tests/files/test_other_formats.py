@@ -5,13 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import openpyxl
 import pytest
 from commands import document
+from foreign_files import lms_signal, lvm, workbook
 from scipy.io import savemat, wavfile
 
-from linkwise.errors import RecordError
-from linkwise.files import read_record
+import linkwise as lw
 
 N, RATE = 120, 250.0
 T = np.arange(N) / RATE
@@ -20,7 +19,7 @@ X, A = np.sin(20.0 * T), np.cos(31.0 * T)
 
 def agrees(path: Path, **keywords: Any) -> None:
     """What is read has both motions in SI units at the sampling rate."""
-    record = read_record(path, **keywords)
+    record = lw.read_record(path, **keywords)
     assert record.rate == pytest.approx(RATE, rel=1e-9)
     # texts of nine digits and a factor of a unit
     assert record.channel("x:m1") == pytest.approx(X, abs=1e-8)
@@ -46,7 +45,7 @@ def test_adjacent_periods_are_one_record(
     """Three periods of 40 samples; the force is given for one of them."""
     arrays = {"x:m1": PERIODS[0].transpose(order), "force_m1": PERIODS[1, 0], **time}
     np.savez(tmp_path / "run.npz", **arrays)
-    record = read_record(tmp_path / "run.npz")
+    record = lw.read_record(tmp_path / "run.npz")
     assert record.rate == pytest.approx(RATE, rel=1e-9)
     assert np.array_equal(record.channel("x:m1"), PERIODS[0].ravel())
     assert np.array_equal(record.channel("force:m1"), np.tile(PERIODS[1, 0], 3))
@@ -55,9 +54,9 @@ def test_adjacent_periods_are_one_record(
 
 def test_realisations_are_records_of_their_own_and_odd_periods_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "run.npz", **{"x:m1": PERIODS, "fs": RATE})  # type: ignore[arg-type]  # stub takes a flag
-    with pytest.raises(RecordError, match=r"both have this name \(realisation 1/x:m1 and realisation 2"):
-        read_record(tmp_path / "run.npz")
-    second = read_record(tmp_path / "run.npz", channels={"x:m1": "realisation 2/x:m1"})
+    with pytest.raises(lw.RecordError, match=r"both have this name \(realisation 1/x:m1 and realisation 2"):
+        lw.read_record(tmp_path / "run.npz")
+    second = lw.read_record(tmp_path / "run.npz", channels={"x:m1": "realisation 2/x:m1"})
     assert np.array_equal(second.channel("x:m1"), PERIODS[1].ravel())
     three: dict[str, Any] = {"x:m1": np.ones((3, 50))}
     for more, message in (
@@ -65,26 +64,26 @@ def test_realisations_are_records_of_their_own_and_odd_periods_are_refused(tmp_p
         ({"x:m2": np.ones((4, 50))}, "x:m1 has 3 x 50, x:m2 has 4 x 50"),
     ):
         np.savez(tmp_path / "run.npz", **three, **more)
-        with pytest.raises(RecordError, match=message):
-            read_record(tmp_path / "run.npz")
+        with pytest.raises(lw.RecordError, match=message):
+            lw.read_record(tmp_path / "run.npz")
 
 
 def test_a_numpy_array_by_number_with_fields_and_with_objects(tmp_path: Path) -> None:
     np.save(tmp_path / "run.npy", np.stack([T, X, A]))  # channels by samples, as the longer side says
     agrees(tmp_path / "run.npy", channels={"time": 1, "x:m1": 2, "a:m2": 3})
-    with pytest.raises(RecordError, match="there is no header"):
-        read_record(tmp_path / "run.npy")
+    with pytest.raises(lw.RecordError, match="there is no header"):
+        lw.read_record(tmp_path / "run.npy")
     fields = np.zeros(N, dtype=[("time", float), ("x:m1", float), ("a:m2", np.float32)])
     fields["time"], fields["x:m1"], fields["a:m2"] = T, X, A
     np.save(tmp_path / "run.npy", fields)
-    record = read_record(tmp_path / "run.npy")
+    record = lw.read_record(tmp_path / "run.npy")
     assert record.channel("a:m2") == pytest.approx(A, abs=1e-7)  # single precision
     np.save(tmp_path / "run.npy", np.array([{"x": 1}, None]), allow_pickle=True)
-    with pytest.raises(RecordError, match=r"cannot be read as a \.npy file.*allow_pickle"):
-        read_record(tmp_path / "run.npy")
+    with pytest.raises(lw.RecordError, match=r"cannot be read as a \.npy file.*allow_pickle"):
+        lw.read_record(tmp_path / "run.npy")
     np.save(tmp_path / "cube.npy", np.zeros((3, 4, 5)))
-    with pytest.raises(RecordError, match="an array of 3 x 4 x 5 numbers"):
-        read_record(tmp_path / "cube.npy")
+    with pytest.raises(lw.RecordError, match="an array of 3 x 4 x 5 numbers"):
+        lw.read_record(tmp_path / "cube.npy")
 
 
 @pytest.mark.parametrize(
@@ -107,7 +106,7 @@ def test_json_in_its_usual_forms(content: Any, keywords: dict[str, Any], tmp_pat
     values: list[float | None] = X.tolist()
     values[7] = None  # a missing sample
     (tmp_path / "run.json").write_text(json.dumps({"time": T.tolist(), "x:m1": values, "a:m2": A.tolist()}))
-    assert np.flatnonzero(np.isnan(read_record(tmp_path / "run.json").channel("x:m1"))).tolist() == [7]
+    assert np.flatnonzero(np.isnan(lw.read_record(tmp_path / "run.json").channel("x:m1"))).tolist() == [7]
 
 
 @pytest.mark.parametrize(
@@ -140,7 +139,7 @@ def test_json_in_its_usual_forms(content: Any, keywords: dict[str, Any], tmp_pat
 )  # fmt: skip
 def test_json_of_phones(content: Any, time: str, motion: str, tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(json.dumps(content))
-    record = read_record(tmp_path / "run.json", channels={"time": time, "a:m1": motion})
+    record = lw.read_record(tmp_path / "run.json", channels={"time": time, "a:m1": motion})
     assert record.rate == pytest.approx(RATE, rel=1e-9)
     assert record.channel("a:m1") == pytest.approx(A, abs=1e-8)
 
@@ -157,8 +156,8 @@ def test_json_of_phones(content: Any, time: str, motion: str, tmp_path: Path) ->
 )
 def test_json_that_is_no_record_is_refused(text: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(text)
-    with pytest.raises(RecordError, match=said):
-        read_record(tmp_path / "run.json")
+    with pytest.raises(lw.RecordError, match=said):
+        lw.read_record(tmp_path / "run.json")
 
 
 @pytest.mark.parametrize(
@@ -169,26 +168,17 @@ def test_tracks_of_a_wav_file_are_parts_of_full_scale(
 ) -> None:
     tracks = 0.5 * np.stack([X, A], axis=1)
     wavfile.write(tmp_path / "run.wav", int(RATE), (full * tracks + middle).astype(kind))
-    record = read_record(tmp_path / "run.wav", channels={"x:m1": 1, "a:m2[g]": 2})
+    record = lw.read_record(tmp_path / "run.wav", channels={"x:m1": 1, "a:m2[g]": 2})
     last = 1.0 / full if full > 1 else 1e-7
     assert record.rate == RATE
     assert record.channel("x:m1") == pytest.approx(tracks[:, 0], abs=last)
     assert record.channel("a:m2") == pytest.approx(G * tracks[:, 1], abs=G * last)
     (tmp_path / "cut.wav").write_bytes((tmp_path / "run.wav").read_bytes()[:36])
-    with pytest.raises(RecordError, match=r"cannot be read as a \.wav file: Unexpected end"):
-        read_record(tmp_path / "cut.wav", channels={"x:m1": 1})
+    with pytest.raises(lw.RecordError, match=r"cannot be read as a \.wav file: Unexpected end"):
+        lw.read_record(tmp_path / "cut.wav", channels={"x:m1": 1})
 
 
-def lvm(clocks: str, rows: list[str], names: str, separator: str = "\t") -> str:
-    lines = [
-        "LabVIEW Measurement", "Writer_Version\t2", f"Separator\t{'Tab' if separator == chr(9) else 'Comma'}",
-        "Decimal_Separator\t.", f"X_Columns\t{clocks}", "***End_of_Header***", "",
-        "Channels\t2", "Samples\t120\t120", "Y_Unit_Label\tmm\tg", "X_Dimension\tTime\tTime",
-        f"Delta_X\t{1.0 / RATE}\t{1.0 / RATE}", "***End_of_Header***", names, *rows,
-    ]  # fmt: skip
-    return "\n".join(line.replace("\t", separator) for line in lines) + "\n"
-
-
+OWN: dict[str, Any] = {"units": "mm\tg", "step": 1.0 / RATE}
 CELLS = [(f"{t:.9g}", f"{1e3 * x:.12g}", f"{a / 9.80665:.12g}") for t, x, a in zip(T, X, A, strict=True)]
 
 
@@ -200,17 +190,19 @@ def test_lvm_with_one_clock_with_several_and_without(separator: str, tmp_path: P
         ("Multi", [(t, x, t, a) for t, x, a in CELLS], "X_Value\tx:m1\tX_Value\ta:m2"),
         ("No", [("", x, a) for _, x, a in CELLS], "X_Value\tx:m1\ta:m2"),
     ):
-        path.write_text(lvm(clocks, ["\t".join(row) for row in rows], f"{names}\tComment", separator))
+        path.write_text(
+            lvm(clocks, ["\t".join(row) for row in rows], f"{names}\tComment", **OWN, separator=separator)
+        )
         agrees(path)
 
 
 def test_lvm_that_is_cut_or_in_segments_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.lvm"
     rows = ["\t".join(row) for row in CELLS]
-    whole = lvm("One", rows, "X_Value\tx:m1\ta:m2\tComment")
+    whole = lvm("One", rows, "X_Value\tx:m1\ta:m2\tComment", **OWN)
     segment = whole[whole.index("Channels") :]
     shifted = ["\t".join((t, x, f"{float(t) + 0.001:.9g}", a)) for t, x, a in CELLS]
-    uneven = lvm("Multi", shifted, "X_Value\tx:m1\tX_Value\ta:m2\tComment")
+    uneven = lvm("Multi", shifted, "X_Value\tx:m1\tX_Value\ta:m2\tComment", **OWN)
     for text, said in (
         (whole + "\n" + segment, "holds 2 segments of measurements"),
         ("time\tx:m1\n0\t1\n", "is not an LVM file"),
@@ -218,34 +210,23 @@ def test_lvm_that_is_cut_or_in_segments_is_refused(tmp_path: Path) -> None:
         (uneven, "clocks of their own"),
     ):
         path.write_text(text)
-        with pytest.raises(RecordError, match=said):
-            read_record(path)
+        with pytest.raises(lw.RecordError, match=said):
+            lw.read_record(path)
     path.write_text(whole[:-3])
-    assert len(read_record(path)) == N  # a last number that lost digits cannot be told from another
-
-
-def workbook(path: Path, rows: list[list[Any]], more: bool = False) -> None:
-    book = openpyxl.Workbook()
-    book.create_sheet("notes", 0).append(["Rig 3"])
-    sheet = book["Sheet"]
-    for row in rows:
-        sheet.append(row)
-    if more:
-        book.create_sheet("second").append([1.0])
-    book.save(path)
+    assert len(lw.read_record(path)) == N  # a last number that lost digits cannot be told from another
 
 
 def test_a_workbook_with_units_below_its_header(tmp_path: Path) -> None:
     numbers = [[float(t), 1e3 * float(x), float(a)] for t, x, a in zip(T, X, A, strict=True)]
     rows: list[list[Any]] = [["time", "x:m1", "a:m2"], ["s", "mm", "m/s^2"], *numbers]
-    workbook(tmp_path / "run.xlsx", rows, more=True)
+    workbook(tmp_path / "run.xlsx", rows, notes=[["Rig 3"]], second=[[1.0]])
     agrees(tmp_path / "run.xlsx")
-    notes = read_record(tmp_path / "run.xlsx").notes
+    notes = lw.read_record(tmp_path / "run.xlsx").notes
     assert "Sheet Sheet was read; second was not." in notes
     assert "The line below the header was read as the units of the columns." in notes
     workbook(tmp_path / "empty.xlsx", [["time", "x:m1"]])
-    with pytest.raises(RecordError, match="no sheet of the workbook holds numbers"):
-        read_record(tmp_path / "empty.xlsx")
+    with pytest.raises(lw.RecordError, match="no sheet of the workbook holds numbers"):
+        lw.read_record(tmp_path / "empty.xlsx")
 
 
 def test_units_below_the_header_of_a_text_file(tmp_path: Path) -> None:
@@ -254,10 +235,10 @@ def test_units_below_the_header_of_a_text_file(tmp_path: Path) -> None:
     path.write_text("\n".join(["Operator;me", "time;x:m1;a:m2", "[s];[mm];[g]", *body]) + "\n")
     agrees(path)
     path.write_text("\n".join(["time;x:m1[mm];a:m2[g]", ";;-", *body]) + "\n")  # an empty line is data
-    assert np.isnan(read_record(path, rate=RATE).values[0]).all()
+    assert np.isnan(lw.read_record(path, rate=RATE).values[0]).all()
     path.write_text("\n".join(["time;x:m1;a:m2", "s;mm;wombats", *body]) + "\n")
-    with pytest.raises(RecordError, match="'mm' is not a number"):
-        read_record(path)
+    with pytest.raises(lw.RecordError, match="'mm' is not a number"):
+        lw.read_record(path)
 
 
 SAMPLES, STEP = 256, 1.0 / 512.0
@@ -268,20 +249,7 @@ CASES = Path(__file__).parents[3] / "shared" / "cases" / "lms-mat"
 
 
 def signal(values: Any, label: Any, name: Any, factor: float = 1.0, step: float = STEP) -> dict[str, Any]:
-    point = {} if isinstance(name, list) else {"primary_channel": {"point_id": name, "direction": "+Z"}}
-    return {
-        "x_values": {
-            "start_value": 0.5,
-            "increment": step,
-            "number_of_values": float(SAMPLES),
-            "quantity": {"label": "s"},
-        },
-        "y_values": {
-            "values": values,
-            "quantity": {"label": label, "unit_transformation": {"factor": factor, "offset": 0.0}},
-        },
-        "function_record": {"name": name, "type": "Signal", **point},
-    }
+    return lms_signal(values, label, name, step, start=0.5, factor=factor)
 
 
 def export(path: Path, **signals: dict[str, Any]) -> Path:
@@ -294,21 +262,21 @@ def test_names_rate_and_units_are_those_of_the_file(columns: tuple[str, str], tm
     hammer, sensor = signal(FORCE, "N", "HAM"), signal(MOTION, "g", "P1", G)
     path = export(tmp_path / "run.mat", Signal_0=hammer, Signal_1=sensor)
     force, motion = columns
-    record = read_record(path, channels={"force:m1": force, "a:m1": motion})
+    record = lw.read_record(path, channels={"force:m1": force, "a:m1": motion})
     assert (record.rate, record.start) == (512.0, 0.5)
     assert np.array_equal(record.channel("a:m1"), MOTION)
     assert record.notes == (
         "P1 is taken to be in m/s^2, in which Testlab stores values; g beside them is the unit of its display. "
         "Where they were exported in it, state it, as in a:m1[g].",
     )
-    in_g = read_record(path, channels={"a:m1[g]": motion})
+    in_g = lw.read_record(path, channels={"a:m1[g]": motion})
     assert in_g.channel("a:m1") == pytest.approx(G * MOTION, rel=1e-12)
     assert "a:m1 is taken to be in g, as its mapping states" in " ".join(in_g.notes)
 
 
 def test_labels_without_a_factor_are_units_and_columns_of_a_matrix_have_names(tmp_path: Path) -> None:
     both = signal(np.stack([MOTION, 2.0 * MOTION], axis=1), "g", ["Left", "Right"])
-    record = read_record(
+    record = lw.read_record(
         export(tmp_path / "run.mat", Signal=both), channels={"a:m1": "Left", "a:m2": "Right"}
     )
     assert record.channel("a:m2") == pytest.approx(2.0 * G * MOTION, rel=1e-12)
@@ -319,15 +287,15 @@ def test_equal_names_give_way_to_points_with_directions_and_own_axes_are_told(tm
     first, second = signal(FORCE, "N", "Time"), signal(MOTION, "mm", "Time", 1e-3)
     first["function_record"]["primary_channel"]["point_id"] = "HAM"
     path = export(tmp_path / "run.mat", Signal_0=first, Signal_1=second)
-    record = read_record(path, channels={"force:m1": "HAM", "x:m1": "Time +Z"})
+    record = lw.read_record(path, channels={"force:m1": "HAM", "x:m1": "Time +Z"})
     assert np.array_equal(record.channel("x:m1"), MOTION)
-    with pytest.raises(RecordError, match=r"the columns are HAM\[N\], Time \+Z\[m\]"):
-        read_record(path)
+    with pytest.raises(lw.RecordError, match=r"the columns are HAM\[N\], Time \+Z\[m\]"):
+        lw.read_record(path)
     slow = signal(MOTION, "m", "slow", step=2.0 * STEP)
     path = export(tmp_path / "run.mat", Signal_0=first, Signal_1=slow)
-    with pytest.raises(RecordError, match="there is no time column"):
-        read_record(path, channels={"force:m1": "HAM"})
-    noted = read_record(path, channels={"force:m1": "HAM", "x:m1": "slow"}, rate=512.0).notes
+    with pytest.raises(lw.RecordError, match="there is no time column"):
+        lw.read_record(path, channels={"force:m1": "HAM"})
+    noted = lw.read_record(path, channels={"force:m1": "HAM", "x:m1": "slow"}, rate=512.0).notes
     assert "have axes of their own" in noted[0]
 
 

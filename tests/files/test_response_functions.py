@@ -8,7 +8,6 @@ import pytest
 import pyuff
 
 import linkwise as lw
-from linkwise.errors import RecordError
 
 HZ = np.arange(8, 321) * 0.125
 MODES = ((5.2, 0.01, {"tip": 1.0, "mid": 0.6}), (21.0, 0.008, {"tip": -0.9, "mid": 0.5}))
@@ -64,7 +63,7 @@ def test_nodes_are_named_with_their_directions(tmp_path: Path) -> None:
     assert record.channels == ("force:12z", "a:12z", "a:12x")
     np.testing.assert_allclose(record.channel("a:12x"), -record.channel("a:12z"), atol=1e-9)  # as printed
     write(tmp_path / "wing.uff", "wing.mid", values, ref_ent_name="wing.mid")
-    with pytest.raises(RecordError, match=r"of forces at 12z, wing\.mid; keep those of one in a file"):
+    with pytest.raises(lw.RecordError, match=r"of forces at 12z, wing\.mid; keep those of one in a file"):
         lw.read_record(tmp_path / "wing.uff")
 
 
@@ -84,11 +83,11 @@ def test_units_of_response_functions_count(tmp_path: Path, response: str, force:
 
 def test_lines_and_motions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     tip = {"a:tip": accelerances()["tip"]}
-    with pytest.raises(RecordError, match="evenly spaced multiples"):
+    with pytest.raises(lw.RecordError, match="evenly spaced multiples"):
         lw.files.record_of_responses([], {"a:tip": []}, force="force:tip")
-    with pytest.raises(RecordError, match="evenly spaced multiples"):
+    with pytest.raises(lw.RecordError, match="evenly spaced multiples"):
         lw.files.record_of_responses(HZ**1.01, tip, force="force:tip")
-    with pytest.raises(RecordError, match="has 313 lines, and there are 312 frequencies"):
+    with pytest.raises(lw.RecordError, match="has 313 lines, and there are 312 frequencies"):
         lw.files.record_of_responses(HZ[1:], tip, force="force:tip")
     for kind, reason in (
         (1, "which motion the response function of tip"),
@@ -96,5 +95,5 @@ def test_lines_and_motions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     ):
         for _ in range(2):
             write(tmp_path / f"{kind}.uff", "tip", tip["a:tip"], ordinate_spec_data_type=kind)
-        with pytest.raises(RecordError, match=reason):
+        with pytest.raises(lw.RecordError, match=reason):
             lw.read_record(tmp_path / f"{kind}.uff")

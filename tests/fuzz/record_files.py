@@ -1,17 +1,14 @@
 """Records in every format, ours and those of other programs, sound and damaged."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from random import Random
-from tempfile import TemporaryDirectory
 
 import h5py
 import numpy as np
-import openpyxl
-import pyuff
-from nptdms import ChannelObject, TdmsWriter
+from foreign_files import Response, content, lab_view, lvm, universal, workbook
 from problems import chain_record
 from scipy.io import savemat
 
@@ -33,14 +30,7 @@ def _values() -> Mapping[str, np.ndarray]:
 
 def _own(suffix: str) -> bytes:
     record = lw.Record.from_arrays(TIME, _values(), noise={"x:m1": 1e-3}, source="a rig", notes=["A note."])
-    return _written(suffix, lambda path: lw.write_record(record, path))
-
-
-def _written(suffix: str, write: Callable[[Path], object]) -> bytes:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"run{suffix}"
-        write(path)
-        return path.read_bytes()
+    return content(suffix, lambda path: lw.write_record(record, path))
 
 
 def _csv(delimiter: str, header: str, comma: bool, preamble: str = "") -> bytes:
@@ -74,29 +64,15 @@ def _groups(path: Path) -> None:
             item.attrs["unit"] = "kN" if name.startswith("force") else "mm"
 
 
-def write_universal(
-    path: Path, channels: Mapping[str, np.ndarray] | None = None, functions: Mapping[str, int] | None = None
-) -> None:
-    """A universal file of channels, sampled at `RATE`, as data sets of these functions; 1 is a time response."""
-    units = ("len_unit_exp", "force_unit_exp", "temp_unit_exp", "spec_data_type")
-    axes = ("abscissa", "ordinate", "orddenom", "z_axis")
-    rest: dict[str, object] = {f"{axis}_{unit}": 0 for axis in axes for unit in units}
-    rest |= {f"{axis}_axis_units_lab": "NONE" for axis in axes} | {f"id{k}": "NONE" for k in range(2, 6)}
-    for k, (name, values) in enumerate((channels or _values()).items()):
-        data = {
-            **rest, "type": 58, "binary": 0, "id1": name, "func_type": (functions or {}).get(name, 1), "ver_num": 1,
-            "load_case_id": 0, "rsp_ent_name": "NONE", "rsp_node": 1, "rsp_dir": 3, "ref_ent_name": "NONE", "ref_node": 0,
-            "ref_dir": 0, "ord_data_type": 4, "num_pts": len(values), "abscissa_spacing": 1, "abscissa_min": 0.0,
-            "abscissa_inc": 1.0 / RATE, "z_axis_value": 0.0, "x": np.arange(len(values)) / RATE, "data": values,
-        }  # fmt: skip
-        pyuff.UFF(str(path)).write_sets(data, "add" if k else "overwrite")
+def _universal(path: Path) -> None:
+    universal(path, [Response(name, values, 1.0 / RATE) for name, values in _values().items()])
 
 
 def _labview(path: Path) -> None:
-    with TdmsWriter(str(path)) as writer:
-        for name, values in _values().items():
-            unit = {"unit_string": "N" if name.startswith("force") else "m", "wf_increment": 1.0 / RATE}
-            writer.write_segment([ChannelObject("rig", name, values, properties=unit)])
+    channels = {
+        name: (values, "N" if name.startswith("force") else "m") for name, values in _values().items()
+    }
+    lab_view(path, channels, wf_increment=1.0 / RATE)
 
 
 def _archive(path: Path) -> None:
@@ -104,12 +80,7 @@ def _archive(path: Path) -> None:
 
 
 def _workbook(path: Path) -> None:
-    book = openpyxl.Workbook()
-    sheet = book["Sheet"]
-    sheet.append(["time", *CHANNELS])
-    for row in np.column_stack([TIME, *_values().values()]).tolist():
-        sheet.append(row)
-    book.save(path)
+    workbook(path, [["time", *CHANNELS], *np.column_stack([TIME, *_values().values()]).tolist()])
 
 
 def _json() -> bytes:
@@ -119,10 +90,8 @@ def _json() -> bytes:
 
 
 def _measurement() -> bytes:
-    keys = "LabVIEW Measurement\nSeparator\tTab\nX_Columns\tOne\n***End_of_Header***\n\nChannels\t3\n"
-    keys += f"Y_Unit_Label\tm\tm\tN\nDelta_X\t{1.0 / RATE}\n***End_of_Header***\n"
-    names = "\t".join(CHANNELS)
-    return keys.encode() + _csv("\t", f"X_Value\t{names}\tComment", False)
+    header, *rows = _csv("\t", "\t".join(["X_Value", *CHANNELS, "Comment"]), False).decode().splitlines()
+    return lvm("One", rows, header, "m\tm\tN", 1.0 / RATE).encode()
 
 
 @cache
@@ -133,11 +102,11 @@ def sound_records() -> tuple[tuple[str, bytes], ...]:
     written = {
         ".mat": (_matlab, _matlab_73),
         ".h5": (_groups,),
-        ".uff": (write_universal,),
+        ".uff": (_universal,),
         ".tdms": (_labview,),
     }
     written |= {".npz": (_archive,), ".xlsx": (_workbook,)}
-    others = [(suffix, _written(suffix, write)) for suffix, writers in written.items() for write in writers]
+    others = [(suffix, content(suffix, write)) for suffix, writers in written.items() for write in writers]
     texts = [
         (".csv", _csv(",", f"time,{names}", False)),
         (".csv", _csv(";", "t;x:m1[mm];x:m2 (mm);force:m1[kN]", True)),
@@ -151,7 +120,7 @@ def sound_records() -> tuple[tuple[str, bytes], ...]:
 def sound_record() -> bytes:
     """The CSV file that commands read whose other files are damaged: 0.3 s of the two-mass chain."""
     record = chain_record(2, duration=0.3, rate=500.0).with_noise(40.0, seed=1)
-    return _written(".csv", lambda path: lw.write_record(record, path))
+    return content(".csv", lambda path: lw.write_record(record, path))
 
 
 def record_case(seed: int, rng: Random) -> Case:

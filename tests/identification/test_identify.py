@@ -113,6 +113,8 @@ def test_wrong_noise_is_refused(record: lw.Record, chain: lw.Structure, factor: 
         ({"method": "sindy", "offsets": ["x:m1"], "gains": ["x:m2"]}, 'offsets, gains are for method "ml", not for "sindy"'),
         ({"method": lw.MaximumLikelihood(), "loss": lw.likelihood.Huber()},
          r"loss were given beside MaximumLikelihood\(\.\.\.\); give options to that object"),
+        ({"loss": "huber"}, r"one of Gaussian\(\), Huber\(\) and Student\(\), got "),
+        ({"loss": lw.likelihood.Huber}, r"one of Gaussian\(\), Huber\(\) and Student\(\), got "),
     ],
 )  # fmt: skip
 def test_foreign_options(

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from record_faults import changed
 from structures import harvester, oscillator
 
 import linkwise as lw
@@ -56,10 +57,7 @@ def test_the_weak_form_does_not_disown_the_state_it_uses(piezo: lw.Structure, ha
 
 
 def test_errors_of_a_voltmeter_are_in_the_unit_of_the_law(piezo: lw.Structure, harvested: lw.Record) -> None:
-    voltage = harvested.channels.index(VOLTAGE)
-    values = harvested.values.copy()
-    values[:, voltage] = 1.05 * values[:, voltage] + 0.4
-    record = replace(harvested, values=values, simulated=None)
+    record = changed(harvested, **{VOLTAGE: lambda voltage: 1.05 * voltage + 0.4})
     fit = lw.identify(record, piezo.unknown("piezo.c"), offsets=[VOLTAGE], gains=[VOLTAGE])
     assert [(error.kind, error.unit) for error in fit.sensor_errors] == [("offset", "V"), ("gain", "1")]
     offset, gain = (error.description for error in fit.sensor_errors)

@@ -9,6 +9,7 @@ import pytest
 import scipy
 from present import some
 from problems import parsed, truth
+from record_faults import changed
 from structures import HARDENING, link, structure
 
 import linkwise as lw
@@ -132,12 +133,6 @@ def test_a_base_at_rest_with_an_accelerometer_is_no_frame() -> None:
     lw.identify(replace(unforced, source="unforced"), unknown, method="weak")
 
 
-def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
-    columns = record.values.copy()
-    columns[:, record.channels.index(channel)] = values
-    return replace(record, values=columns)
-
-
 @pytest.mark.slow
 def test_gain_and_delay_of_the_base_are_told() -> None:
     """A gain of 2 %, a delay of half a sample: the first cause names it, its size to first order (5 %)."""
@@ -146,7 +141,7 @@ def test_gain_and_delay_of_the_base_are_told() -> None:
     signal = lw.model.Sampled(record.start, record.rate, motion, band_limited=True)
     late = signal.value(np.maximum(record.time - 1e-3, record.start))
     for kind, size, values in (("gain", 0.02, 1.02 * motion), ("delay", 1e-3, late)):
-        fit = lw.identify(changed(record, "a:base", values), two_storeys().unknown("all"), as_stated=True)
+        fit = lw.identify(changed(record, a_base=values), two_storeys().unknown("all"), as_stated=True)
         assert not fit.trusted or near(fit)
         cause = fit.diagnosis[0]
         assert (cause.kind, cause.where) == (kind, "a:base")
@@ -157,7 +152,7 @@ def test_gain_and_delay_of_the_base_are_told() -> None:
 def test_gain_of_an_absolute_accelerometer_is_found_with_the_rest() -> None:
     """It shows the base as well, which the relative coordinates do not hold; 4 standard deviations of the noise per sample."""
     record = measured("a", "a:base", duration=2.0)
-    record = changed(record, "a:m1", 1.02 * record.channel("a:m1"))
+    record = changed(record, a_m1=lambda a: 1.02 * a)
     estimate = lw.identify(record, two_storeys().unknown("all"), as_stated=True)
     assert not estimate.trusted
     assert (estimate.diagnosis[0].kind, estimate.diagnosis[0].where) == ("gain", "a:m1")

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 from commands import document, said
+from record_faults import changed
 
 import linkwise as lw
 
@@ -37,10 +38,9 @@ def test_a_valve_is_found_with_its_errors(held: bool, method: Method) -> None:
         measured = replace(measured, interpolation={"signal:u": "held"})
     fit = lw.identify(measured, VALVE.unknown("all"), method=method)
     assert fit.trusted or method == "weak"  # to which four seconds leave friction open
-    errors = np.sqrt(fit.covariance.diagonal())
-    z = (fit.values - list(TRUE.values())) / errors
-    assert np.abs(z).max() < 3.3  # of a thousand
-    assert np.all(errors < [0.2, 0.02, 0.03])
+    deviations = np.sqrt(fit.covariance.diagonal())
+    assert np.abs((fit.values - list(TRUE.values())) / deviations).max() < 3.3  # of a thousand
+    assert np.all(deviations < [0.2, 0.02, 0.03])
     assert fit.structure.signals == {"u": "V"}
 
 
@@ -115,12 +115,8 @@ def test_a_loudspeaker_is_found_from_voltage_current_and_displacement() -> None:
 @pytest.mark.slow
 def test_intervals_allow_for_noise_of_a_signal() -> None:
     clean = record()
-    values = clean.values.copy()
-    rng = np.random.default_rng(494)
-    values[:, clean.channels.index(lw.records.Channel("signal", "u"))] += 0.03 * rng.standard_normal(
-        len(values)
-    )
-    noisy = replace(clean, values=values, simulated=None)
+    noise = 0.03 * np.random.default_rng(494).standard_normal(len(clean))
+    noisy = changed(clean, signal_u=lambda u: u + noise)
     fit = lw.identify(noisy, VALVE.unknown("all"))
     plain = lw.identify(replace(clean, simulated=None), VALVE.unknown("all"))
     assert "noise of signal:u of 0.0" in fit.message

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
+from commands import refusal, said
 from matplotlib.lines import Line2D
+from record_faults import without
 from structures import oscillator, row_of_masses
 
 import linkwise as lw
-from linkwise.cli import run
 from linkwise.inspection.level_quantities import distortion
 
 pytestmark = pytest.mark.slow
@@ -46,14 +47,6 @@ def released(cubic: float, rate: float = 256.0) -> lw.Record:
     structure = row_of_masses([1.0, 0.5], ground=("k*d + c*v", {"k": 3e3, "c": 1.0}), joint=joint)
     release = {"v:m1": -0.2, "v:m2": 0.3}
     return lw.simulate(structure, release=release, duration=12.0, rate=rate, sensors=["a:m1", "a:m2"])
-
-
-def without(record: lw.Record, **samples: slice) -> lw.Record:
-    """The record without some samples of channels, KIND_MASS."""
-    values = record.values.copy()
-    for name, missing in samples.items():
-        values[missing, record.channels.index(name.replace("_", ":"))] = np.nan
-    return replace(record, values=values)
 
 
 def linear_frequencies() -> np.ndarray:
@@ -279,17 +272,16 @@ def test_what_a_comparison_needs_is_told() -> None:
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_inspect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name, size in (("soft", 0.1), ("hard", 2.0)):
         lw.write_record(tap(size, 4e9).with_noise(40.0, seed=1), f"{name}.csv")
-    assert run(["inspect", "hard.csv", "soft.csv", "--levels", "-o", "levels"]) == 0
-    assert "Not linear from a peak force of 2 N on" in capsys.readouterr().out  # the peak of the hard tap
+    out = said("inspect hard.csv soft.csv --levels -o levels").out
+    assert "Not linear from a peak force of 2 N on" in out  # the peak of the hard tap
     document = json.loads((tmp_path / "levels" / "inspection.json").read_text())
     assert document["levels"]["first_nonlinear"] == "hard.csv"
     page = (tmp_path / "levels" / "report.html").read_text()
     assert "Modes over level" in page
     for figure in ("levels", "responses", "ring_down"):
         assert (tmp_path / "levels" / f"{figure}.png").exists()
-    assert run(["inspect", "soft.csv", "--modes", "2"]) == 2
-    assert "--modes is for --levels" in capsys.readouterr().err
+    assert "--modes is for --levels" in refusal("inspect soft.csv --modes 2")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from problems import chain_record, truth
-from record_faults import chain, faulty, forced
+from record_faults import chain, changed, faulty, forced
 
 import linkwise as lw
 
@@ -51,9 +51,7 @@ def test_spikes_are_marked_and_no_others() -> None:
 def test_inputs_and_clean_records_stay_as_they_are() -> None:
     record = forced(40.0)
     limited = np.clip(record.channel("force:m1"), -3.0, 3.0)  # of a force of 6 N
-    values = record.values.copy()
-    values[:, record.channels.index("force:m1")] = limited
-    marked = lw.inspection.mark_missing(replace(record, values=values))
+    marked = lw.inspection.mark_missing(changed(record, force_m1=limited))
     np.testing.assert_array_equal(marked.channel("force:m1"), limited)
     record = chain(2, 30.0)
     assert lw.inspection.mark_missing(record) is record

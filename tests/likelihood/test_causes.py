@@ -11,6 +11,7 @@ import scipy
 from present import present
 from problems import chain_record
 from random_signals import random_force
+from record_faults import changed
 from structures import (
     host,
     link,
@@ -26,7 +27,6 @@ from within import assert_within
 import linkwise as lw
 from linkwise.likelihood.checks.recording import beyond_statement, recording_errors
 from linkwise.likelihood.tests.score_test import missing_links, missing_terms
-from linkwise.verdict import Verdict
 
 SNR, SEED = 30.0, 41
 
@@ -35,14 +35,6 @@ LOST, FOUND = (5.0, 0.2)
 
 
 CHAIN = lw.bnes_chain(2)
-
-
-def changed(record: lw.Record, **channels: np.ndarray) -> lw.Record:
-    """The record with other samples in channels, whose names have an underscore for the colon."""
-    values = record.values.copy()
-    for name, samples in channels.items():
-        values[:, record.channels.index(name.replace("_", ":"))] = samples
-    return replace(record, values=values, simulated=None)
 
 
 def faulty(change: Callable[[np.ndarray, lw.Record], np.ndarray]) -> lw.Record:
@@ -325,8 +317,8 @@ def test_noise_stated_small(stated: dict[str, float], calibration: dict[str, flo
         record_with_stated(stated), CHAIN.unknown("nes"), calibration=calibration, as_stated=True
     )
     assert not fit.trusted
-    searched = {Verdict.NOT_CONVERGED} if calibration else set()
-    assert fit.fit_verdicts[0] in {Verdict.NOISE_MISMATCH, *searched}
+    searched = {lw.Verdict.NOT_CONVERGED} if calibration else set()
+    assert fit.fit_verdicts[0] in {lw.Verdict.NOISE_MISMATCH, *searched}
     assert "it is stated too small" in fit.message and "leave it out" in fit.message
     for name, factor in stated.items():
         assert (f"times in {name}, " in fit.message) == (factor < 1.0)
@@ -337,7 +329,7 @@ def test_noise_stated_small(stated: dict[str, float], calibration: dict[str, flo
 def test_noise_stated_as_next_to_nothing_is_told_by_the_scatter_of_samples() -> None:
     """Nothing converges with it, and what is left is no noise: the samples themselves tell, before any law."""
     fit = lw.identify(record_with_stated({"x:m1": 1e-4, "x:m2": 1.0}), CHAIN.unknown("all"), as_stated=True)
-    assert fit.fit_verdicts == (Verdict.NOT_CONVERGED,)
+    assert fit.fit_verdicts == (lw.Verdict.NOT_CONVERGED,)
     assert "neighbouring samples scatter by far more" in fit.message
     assert "times in x:m1" in fit.message and "times in x:m2" not in fit.message
 
@@ -397,8 +389,7 @@ def test_a_robust_loss_takes_them_as_missing_and_says_so() -> None:
 def test_a_late_channel_keeps_them_as_it_is_shifted() -> None:
     record = lw.inspection.mark_missing(clipped(0.6, 30.0, seed=85).between(0.0, 2.0))
     late = {"x:m1": 4}
-    values = record.values.copy()
-    values[4:, 0] = values[:-4, 0]
-    fit = lw.identify(replace(record, values=values), CHAIN.unknown("nes"), delays=tuple(late))
+    behind = changed(record, x_m1=lambda x: np.append(x[:4], x[:-4]))
+    fit = lw.identify(behind, CHAIN.unknown("nes"), delays=tuple(late))
     assert fit.trusted
     assert not any("as bounds" in remark for remark in fit.remarks)

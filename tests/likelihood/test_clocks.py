@@ -119,16 +119,6 @@ def test_a_known_clock_is_taken_out() -> None:
     assert lw.identify(right, OSCILLATOR.unknown("all"), as_stated=True).trusted
 
 
-def test_clocks_that_cannot_be_told_are_refused() -> None:
-    record = two_loggers(85)
-    for clocks, message in (
-        (["x:m9"], "no clock of x:m9 can be estimated"),
-        ({"x:m1": 1e6}, "the clock of x:m1 must run fast by a number of ppm"),
-    ):
-        with pytest.raises(lw.IdentificationError, match=message):
-            lw.identify(record, OSCILLATOR.unknown("all"), clocks=clocks)
-
-
 @dataclass
 class Searched:
     """A search of laws that are wrong: each fit finds the same delay in samples and ratio in ppm, whatever was taken out."""

@@ -12,6 +12,7 @@ import scipy
 from present import present
 from problems import truth
 from random_signals import random_force
+from record_faults import changed
 from structures import HARDENING, NES, coefficient, host, link, named, oscillator, structure, with_links
 from within import errors
 
@@ -383,9 +384,7 @@ def test_what_a_record_shows_by_itself_is_taken_into_the_model(
     assert np.abs(errors(fit, STATED)).max() < FAR
 
 
-@pytest.mark.parametrize(
-    ("percent", "snr_db"), [(3.0, 30.0), pytest.param(5.0, 45.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("percent", "snr_db"), [(3.0, 30.0), (5.0, 45.0)])
 def test_where_one_of_two_sensors_is_off_both_are_known_to_within(percent: float, snr_db: float) -> None:
     clean = lw.simulate(STATED, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(snr_db, seed=67)
     values = clean.values * np.where(np.array(clean.channels) == "x:m2", 1.0 + percent / 100.0, 1.0)
@@ -399,9 +398,8 @@ def test_where_one_of_two_sensors_is_off_both_are_known_to_within(percent: float
 @pytest.mark.parametrize("samples", [3, -3])
 def test_samples_that_a_channel_lost_or_doubled_are_put_in_their_places(samples: int) -> None:
     clean = lw.simulate(STATED, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(40.0, seed=68)
-    values, column = clean.values.copy(), list(map(str, clean.channels)).index("x:m2")
-    values[700:, column] = np.roll(clean.values[:, column], -samples)[700:]
-    fit = lw.identify(replace(clean, values=values, simulated=None)[:-5], STATED.unknown("nes"))
+    slipped = changed(clean, x_m2=lambda x: np.append(x[:700], np.roll(x, -samples)[700:]))
+    fit = lw.identify(slipped[:-5], STATED.unknown("nes"))
     assert fit.trusted and np.abs(errors(fit, STATED)).max() < 3.0
     [slip] = fit.added
     assert (slip.kind, slip.where, slip.size) == ("slip", "x:m2", samples)
@@ -413,9 +411,8 @@ def test_a_hit_near_the_end_that_no_channel_shows_is_no_slip() -> None:
     hardening = structure({"m1": 1.0}, link("l", "m1-ground", HARDENING, k=987.0, c=2.0, k3=4e5))
     hits = {"m1": "60*exp(-((t - 0.1)/0.01)**2) + 40*exp(-((t - 9.8)/0.01)**2)"}
     noisy = lw.simulate(hardening, forces=hits, duration=10.0, rate=200.0).with_noise(40.0, seed=1)
-    shown, time = noisy.values.copy(), noisy.time
-    shown[time > 9.0, list(map(str, noisy.channels)).index("force:m1")] = 0.0
-    fit = lw.identify(replace(noisy, values=shown, simulated=None), hardening.unknown("all"))
+    shown = changed(noisy, force_m1=lambda force: np.where(noisy.time > 9.0, 0.0, force))
+    fit = lw.identify(shown, hardening.unknown("all"))
     assert not any(cause.kind == "slip" for cause in fit.added) and not fit.trusted
 
 
@@ -466,35 +463,24 @@ FLOORS = {
 }
 
 
+Change = Callable[[np.ndarray, lw.Record], np.ndarray]
+
+
 @pytest.mark.parametrize(
     ("base", "channels", "change", "kind", "where"),
     [
         (True, ["x:m2"], lambda shown, record: shown - record.channel("x:base"), "relative", "x:m2"),
         (True, ["x:base"], lambda shown, record: -shown, "sign", "x:base"),
-        pytest.param(False, ["a:m2"], lambda shown, record: -shown, "sign", "a:m2", marks=pytest.mark.slow),
-        pytest.param(
-            False,
-            ["a:m1", "a:m2"],
-            lambda a, record: a / 9.80665,
-            "unit",
-            "all accelerations",
-            marks=pytest.mark.slow,
-        ),
+        (False, ["a:m2"], lambda shown, record: -shown, "sign", "a:m2"),
+        (False, ["a:m1", "a:m2"], lambda a, record: a / 9.80665, "unit", "all accelerations"),
     ],
 )
 def test_the_wrong_sign_unit_or_reference_of_a_channel_is_taken_out(
-    base: bool,
-    channels: list[str],
-    change: Callable[[np.ndarray, lw.Record], np.ndarray],
-    kind: str,
-    where: str,
+    base: bool, channels: list[str], change: Change, kind: str, where: str
 ) -> None:
     record = by_accelerometers(base=base)
     truth = FLOORS["base" if base else "ground"]
-    values = record.values.copy()
-    for name in channels:
-        values[:, record.channels.index(name)] = change(record.channel(name), record)
-    wrong = replace(record, values=values, simulated=None)
+    wrong = changed(record, **{name: change(record.channel(name), record) for name in channels})
     fit = lw.identify(wrong, truth.unknown("all"))
     assert fit.trusted and [(cause.kind, cause.where) for cause in fit.added] == [(kind, where)]
     assert np.abs(errors(fit, truth)).max() < FAR
@@ -552,11 +538,10 @@ def accelerations(subject: lw.Structure, corner: float = 0.0) -> lw.Record:
     """A mass under a random force at 35 dB, its accelerometer behind a high pass at a corner in Hz if there is one."""
     force = random_force(np.random.default_rng(1), 6.0, 200.0)
     clean = lw.simulate(subject, forces={"m1": force}, duration=6.0, rate=200.0, sensors=["a"])
-    values, column = clean.values.copy(), clean.channels.index("a:m1")
     if corner:
         sections = scipy.signal.butter(1, corner, "high", fs=200.0, output="sos")
-        values[:, column] = scipy.signal.sosfilt(sections, values[:, column])
-    return replace(clean, values=values, simulated=None).with_noise(35.0, seed=1)
+        clean = changed(clean, a_m1=lambda a: scipy.signal.sosfilt(sections, a))
+    return clean.with_noise(35.0, seed=1)
 
 
 def test_a_high_pass_that_a_term_hides_to_the_first_order_is_taken_into_the_model() -> None:

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from present import present, some
+from record_faults import without
 from structures import (
     CANTILEVER,
     CANTILEVER_SHAPES,
@@ -134,7 +135,7 @@ def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis() ->
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda whole: replace(whole, values=lost(whole)), "channel force:beam.mid: 1 of"),
+        (lambda whole: without(whole, **{"force:beam.mid": 10}), "channel force:beam.mid: 1 of"),
         (
             lambda whole: replace(whole, channels=("a:beam.tup", *whole.channels[1:])),
             "channel a:beam.tup belongs to no mass or point of the structure",
@@ -145,13 +146,6 @@ def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis() ->
 def test_records_without_start_are_refused(change: Callable[[lw.Record], lw.Record], message: str) -> None:
     with pytest.raises((lw.IdentificationError, lw.RecordError), match=message):
         lw.identify(change(record()), beam().unknown("nes"))
-
-
-def lost(whole: lw.Record) -> np.ndarray:
-    """The samples, without one of the force."""
-    values = whole.values.copy()
-    values[10, -1] = np.nan
-    return values
 
 
 def test_structures_that_tell_no_start_are_refused() -> None:

@@ -218,22 +218,6 @@ def test_hysteretic_storeys_are_found_from_accelerations_of_slow_motion() -> Non
     assert_within(fit, true, 4.5)  # of ten by chance once in 15 000
 
 
-def test_a_record_without_any_motion_is_refused(hysteretic: lw.Record) -> None:
-    only = hysteretic.select(["state:joint.z", "force:m1"])
-    with pytest.raises(
-        lw.IdentificationError, match=r"no channel shows the motion of a mass \(state:joint.z"
-    ):
-        lw.identify(only, joint().unknown("all"), starts=nearby(joint(), 0.1))
-
-
-def test_channels_of_unknown_links_are_refused(hysteretic: lw.Record) -> None:
-    other = structure({"m1": 1.0}, named("rail", "m1-ground", "dahl"))
-    with pytest.raises(lw.IdentificationError, match="f:joint belongs to no link or state"):
-        lw.identify(hysteretic.select(["x:m1", "f:joint", "force:m1"]), other, starts=dict.fromkeys(
-            ("rail.sigma", "rail.Fc", "rail.c"), 1.0
-        ))  # fmt: skip
-
-
 def test_unknowns_that_a_small_motion_does_not_tell_apart_are_named() -> None:
     """Before it yields, the link is a spring of k + kh."""
     force = multisine(0.01, 60.0)

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 from present import present, some
 from problems import truth
 from random_signals import random_force
+from record_faults import changed
 from structures import link, named, oscillator, with_links
 
 import linkwise as lw
@@ -290,9 +290,7 @@ def shaken_for_long(structure: lw.Structure) -> lw.Record:
 def recorded(change: Change, structure: lw.Structure = PLAY) -> lw.Record:
     """The oscillator with a stop that its law lacks, 0.3 % of its force, or another `structure`, at 50 dB."""
     clean = shaken_for_long(structure)
-    values = clean.values.copy()
-    values[:, clean.channels.index("x:m1")] = change(clean)
-    return replace(clean, values=values, simulated=None).with_noise(50.0, seed=SEED_OF_ERRORS)
+    return changed(clean, x_m1=change(clean)).with_noise(50.0, seed=SEED_OF_ERRORS)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from duffing_ring import NOISE, SIZE, VALUES, noisy, ring
 from present import present
 from problems import chain_record, truth
 from random_signals import autoregressive, differenced, random_force
+from record_faults import changed
 from structures import link, oscillator, structure
 from within import errors
 
@@ -73,9 +74,8 @@ def test_a_profile_counts_the_colour() -> None:
 
 def test_an_error_of_the_sensor_is_seen_beneath_the_colour() -> None:
     record = coloured("AR(1) of 0.9", 4)
-    values = record.values.copy()
-    values[:, 0] *= 1.05
-    fit = lw.identify(replace(record, values=values), lw.bnes_chain(2).unknown("nes"), as_stated=True)
+    scaled = changed(record, x_m1=lambda x: 1.05 * x)
+    fit = lw.identify(scaled, lw.bnes_chain(2).unknown("nes"), as_stated=True)
     assert not fit.trusted and fit.diagnosis[0].is_instrument
 
 
@@ -144,9 +144,8 @@ def test_a_channel_without_noise_does_not_hide_noise_that_is_stated_too_large() 
     chain = lw.bnes_chain(2)
     record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
     deviation = 1e-3 * float(np.std(record.channel("x:m1")))
-    values = record.values.copy()
-    values[:, 0] += deviation * np.random.default_rng(7).standard_normal(len(record))
-    noisy_first = replace(record, values=values, simulated=None)
+    noise = deviation * np.random.default_rng(7).standard_normal(len(record))
+    noisy_first = changed(record, x_m1=lambda x: x + noise)
     stated = replace(noisy_first, noise={"x:m1": 10.0 * deviation})
     assert lw.identify(stated, chain.unknown("nes")).verdicts[0] is lw.Verdict.NOISE_MISMATCH
 
@@ -180,10 +179,9 @@ def test_small_coloured_residuals_are_judged_by_blocks(dragged: tuple[lw.Record,
 def test_a_sensor_that_was_filtered_without_phase_shows_no_noise_and_is_answered() -> None:
     clean = chain_record(2, duration=3.0)
     record = clean.with_noise(30.0, seed=76)
-    values = record.values.copy()
     low_pass = scipy.signal.butter(4, 100.0, fs=record.rate, output="sos")
-    values[:, 1] = scipy.signal.sosfiltfilt(low_pass, values[:, 1])
+    filtered = changed(record, x_m2=lambda x: scipy.signal.sosfiltfilt(low_pass, x))
     chain = lw.bnes_chain(2)
-    fit = lw.identify(replace(record, values=values, simulated=None), chain.unknown("all"))
+    fit = lw.identify(filtered, chain.unknown("all"))
     assert fit.grade is lw.Grade.APPROXIMATE and fit.diagnosis[0].kind == "filter"
     assert np.abs(errors(fit, chain)).max() < 4.0  # standard errors, of five coefficients

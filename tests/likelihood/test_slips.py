@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_signals import random_force
+from record_faults import changed
 from structures import HARDENING, oscillator
 from within import errors
 
@@ -25,9 +26,7 @@ def shaken() -> lw.Record:
 
 def slipped(record: lw.Record, samples: int) -> lw.Record:
     """The record whose displacement lost so many samples, or has them twice."""
-    values, column = record.values.copy(), list(map(str, record.channels)).index("x:m1")
-    values[AT:, column] = np.roll(values[:, column], -samples)[AT:]
-    return replace(record, values=values)[:-4]
+    return changed(record, x_m1=lambda x: np.append(x[:AT], np.roll(x, -samples)[AT:]))[:-4]
 
 
 @pytest.mark.parametrize("samples", [1, 3, -2])
@@ -42,9 +41,8 @@ def test_the_force_tells_a_slip_of_the_only_response(samples: int) -> None:
 def test_it_tells_none_where_it_no_longer_acts() -> None:
     """A hit that nobody recorded moves what follows as well."""
     record = shaken()
-    values = record.values.copy()
-    values[AT - 40 :, list(map(str, record.channels)).index("force:m1")] = 0.0
-    assert not list(slips(slipped(replace(record, values=values), 3), SPRING.unknown("all"), TRUE))
+    unforced = changed(record, force_m1=lambda x: np.where(np.arange(len(x)) < AT - 40, x, 0.0))
+    assert not list(slips(slipped(unforced, 3), SPRING.unknown("all"), TRUE))
 
 
 @pytest.mark.slow
@@ -74,10 +72,8 @@ def test_samples_that_were_written_twice_are_left_out(late: bool) -> None:
 def test_many_samples_that_were_lost_are_in_neither_part() -> None:
     """The windows tell the moment to within as many."""
     record = shaken()
-    values, column = record.values.copy(), list(map(str, record.channels)).index("x:m1")
-    values[AT:-60, column] = values[AT + 60 :, column]
-    values[-60:, column] = np.nan
-    _, mended = next(slips(replace(record, values=values), SPRING.unknown("all"), TRUE))
+    lost = changed(record, x_m1=lambda x: np.concatenate([x[:AT], x[AT + 60 :], np.full(60, np.nan)]))
+    _, mended = next(slips(lost, SPRING.unknown("all"), TRUE))
     shown = mended.channel("x:m1")
     there = np.isfinite(shown)
     assert np.array_equal(shown[there], record.channel("x:m1")[there]) and there.mean() > 0.7

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_record, truth
+from record_faults import changed
 from structures import link, row_of_masses, structure
 from within import errors
 
@@ -33,7 +34,6 @@ PAIR = row_of_masses(
     lower=("k*d + k3*d**3 + c*v", {"k": 900.0, "k3": 2e5, "c": 0.6}),
     upper=("k*d + c*v", {"k": 1000.0, "c": 0.6}),
 )
-ASKED = PAIR.unknown("all")
 HUNG = structure(
     {"m1": 1.0, "m2": 0.5},
     link("a", "m1-base", "k*d + c*v", k=400.0, c=1.5),
@@ -143,9 +143,7 @@ def test_a_base_that_moves_by_more_and_later_than_its_record_shows() -> None:
     sensors = ["a:m1", "rel:v:m2", "f:b", "a:base"]
     record = lw.simulate(HUNG, base=QUAKE, duration=2.0, rate=250.0, sensors=sensors).with_noise(50.0, seed=4)
     late = lw.records.without_delays(record, {"a:base": -0.0042})
-    column, values = late.channels.index("a:base"), late.values.copy()
-    values[:, column] *= 0.55
-    recorded = replace(late, values=values, simulated=None)
+    recorded = changed(late, a_base=lambda a: 0.55 * a)
     fit = lw.identify(recorded, HUNG.unknown("all"), gains=["a:base"], delays=["a:base"])
     found = {(error.kind, error.channel): error for error in fit.sensor_errors}
     for kind, true in (("gain", 0.55), ("delay", 0.0042)):
@@ -157,12 +155,6 @@ def test_a_base_that_moves_by_more_and_later_than_its_record_shows() -> None:
     beside = present(lw.identify(recorded, HUNG.unknown("all")).alternative)  # sensors may be wrong instead
     assert [(cause.kind, cause.where) for cause in beside.added] == [("gain", "a:base"), ("delay", "a:base")]
     assert beside.trusted and np.abs(errors(beside, HUNG)).max() < 4.0
-
-
-def test_a_displacement_of_a_base_has_no_gain() -> None:
-    record = lw.simulate(HUNG, base=QUAKE, duration=0.5, rate=200.0, sensors=["x:m1", "x:m2", "x:base"])
-    with pytest.raises(lw.IdentificationError, match="no gain of x:base can be estimated"):
-        lw.identify(record.with_noise(50.0, seed=1), HUNG.unknown("all"), gains=["x:base"])
 
 
 @dataclass(frozen=True)
@@ -227,17 +219,6 @@ def test_an_error_that_laws_may_stand_for_is_a_second_answer(kind: str, size: fl
     assert (error.kind, error.channel) == (kind, "x:m2")
     assert abs(error.value - size) < 4.0 * error.standard_error
     assert beside.trusted and np.abs(errors(beside, PAIR)).max() < 4.0
-
-
-def test_a_channel_that_is_not_there_is_no_matter_of_the_record(record: lw.Record) -> None:
-    """Every refusal was read as a fault of the record, and a wrong sign of a sensor named beside it."""
-    with pytest.raises(lw.IdentificationError) as refused:
-        lw.identify(record, ASKED, offsets=["x:m9"])
-    assert (
-        str(refused.value)
-        == 'no offset of x:m9 can be estimated; did you mean "x:m2"?: the record has x:m1, x:m2'
-    )
-    assert refused.value.arguments == ("offsets",)
 
 
 def test_a_high_pass_of_a_sensor_beside_a_recorded_acceleration_of_the_base() -> None:

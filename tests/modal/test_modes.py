@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from record_faults import changed
 from structures import CANTILEVER, host, structure
 from tapped_beam import DAMPING, shaken, tapped
 
@@ -111,9 +112,10 @@ def test_no_modes_are_added_for_what_is_strong_in_a_band_alone() -> None:
     lines = np.fft.rfftfreq(len(record), record.step)
     spectrum = rng.standard_normal((2, len(lines), 2)) @ [1.0, 1.0j]
     noise = np.fft.irfft(np.where((lines > 9.0) & (lines < 13.0), spectrum, 0.0), len(record)).T
-    values = record.values.copy()
-    values[:, :2] += 0.3 * noise / noise.std(axis=0) * values[:, :2].std(axis=0)
-    left = lw.Record(record.start, record.rate, record.channels, values).with_noise(60.0, seed=12)
+    shown = record.values[:, :2]
+    noisy = shown + 0.3 * noise / noise.std(axis=0) * shown.std(axis=0)
+    names = map(str, record.channels[:2])
+    left = changed(record, **dict(zip(names, noisy.T, strict=True))).with_noise(60.0, seed=12)
     frequencies = pursued(left)
     assert len(frequencies) == len(CANTILEVER)
     assert frequencies == pytest.approx(CANTILEVER, rel=DAMPING)  # within the half-power bandwidth

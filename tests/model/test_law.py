@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from linkwise.errors import LawError
+import linkwise as lw
 from linkwise.expression import Number, Symbol, parse, to_text
-from linkwise.model.law import Law
 
 BISTABLE = "alpha*d + beta*d**3 + c*v"
 VALUES = {"alpha": -100.0, "beta": 1e6, "c": 0.02}
@@ -33,7 +32,7 @@ def points(*, seed: int = 1, count: int = 200) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_the_papers_law() -> None:
-    law = Law.parse(BISTABLE)
+    law = lw.Law.parse(BISTABLE)
     assert law.coefficients == law.linear == ("alpha", "beta", "c") and law.nonlinear == ()
     assert law.units == {"alpha": "N/m", "beta": "N/m^3", "c": "N s/m"}
     columns = {name: to_text(column) for name, column in law.basis.items()}
@@ -43,17 +42,17 @@ def test_the_papers_law() -> None:
     d, v = points()
     np.testing.assert_allclose(law.force(d, v, VALUES), -100 * d + 1e6 * d**3 + 0.02 * v, rtol=1e-12)
     assert law.potential(0.01, VALUES) == pytest.approx(-0.0025, rel=1e-12)  # the barrier alpha^2 / (4 beta)
-    assert str(law) == BISTABLE and Law.parse(BISTABLE) is law
+    assert str(law) == BISTABLE and lw.Law.parse(BISTABLE) is law
     copy = pickle.loads(pickle.dumps(law))
     assert copy == law and copy.units == law.units
-    of_motion = Law.parse("k*max(abs(d) - g, 0) + c*abs(v) + abs(k)*d").kinks
+    of_motion = lw.Law.parse("k*max(abs(d) - g, 0) + c*abs(v) + abs(k)*d").kinks
     assert of_motion == (Symbol("d"), parse("abs(d) - g"), Symbol("v"))
 
 
 @pytest.mark.parametrize(("text", "values"), LAWS.items(), ids=LAWS)
 def test_partials_agree_with_central_differences(text: str, values: dict[str, float]) -> None:
     """Richardson-extrapolated central differences, error of order h^4, away from kinks by more than 2 h."""
-    law, (d, v) = Law.parse(text), points()
+    law, (d, v) = lw.Law.parse(text), points()
     smooth = np.all(
         [np.abs(kink_values(kink, d, v, values)) > 0.01 for kink in law.kinks] or [d < 2.0], axis=0
     )
@@ -77,13 +76,13 @@ def test_partials_agree_with_central_differences(text: str, values: dict[str, fl
 
 
 def kink_values(kink: object, d: np.ndarray, v: np.ndarray, values: dict[str, float]) -> np.ndarray:
-    return np.asarray(Law(to_text(kink), kink, tuple(values)).force(d, v, values))  # type: ignore[arg-type]
+    return np.asarray(lw.Law(to_text(kink), kink, tuple(values)).force(d, v, values))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("text", "values"), LAWS.items(), ids=LAWS)
 def test_potential_is_the_integral_of_the_elastic_force(text: str, values: dict[str, float]) -> None:
     """Against SciPy's adaptive quadrature, told the kinks; its tolerance is 1e-12 of the energy."""
-    law = Law.parse(text)
+    law = lw.Law.parse(text)
     turns = {"k*max(abs(d) - gap, 0)*sign(d)": (-0.4, 0.4), "k*min(d, 0.3) + c*v": (0.3,)}.get(text, ())
     for end in (-0.9, -0.2, 0.3, 0.8):
         inside = [turn for turn in turns if min(end, 0) < turn < max(end, 0)]
@@ -93,7 +92,7 @@ def test_potential_is_the_integral_of_the_elastic_force(text: str, values: dict[
     assert law.potential(0.0, values) == 0.0
     d, v = points()  # basis and remainder make up the law
     pieces = {"_": law.remainder, **law.basis}
-    forces = {name: Law("", piece, law.coefficients).force(d, v, values) for name, piece in pieces.items()}
+    forces = {name: lw.Law("", piece, law.coefficients).force(d, v, values) for name, piece in pieces.items()}
     total = forces["_"] + sum(values[name] * forces[name] for name in law.linear)
     np.testing.assert_allclose(total, law.force(d, v, values), rtol=1e-12, atol=1e-12 * np.abs(total).max())
 
@@ -110,7 +109,7 @@ def test_potential_is_the_integral_of_the_elastic_force(text: str, values: dict[
     ],
 )
 def test_linear_coefficients(text: str, linear: tuple[str, ...], nonlinear: tuple[str, ...]) -> None:
-    law = Law.parse(text)
+    law = lw.Law.parse(text)
     assert (law.linear, law.nonlinear) == (linear, nonlinear)
 
 
@@ -133,7 +132,7 @@ def test_linear_coefficients(text: str, linear: tuple[str, ...], nonlinear: tupl
     ],
 )
 def test_units(text: str, units: dict[str, str]) -> None:
-    assert Law.parse(text).units == units
+    assert lw.Law.parse(text).units == units
 
 
 @pytest.mark.parametrize(
@@ -154,8 +153,8 @@ def test_units(text: str, units: dict[str, str]) -> None:
     ],
 )
 def test_units_that_cannot_be(text: str, message: str) -> None:
-    with pytest.raises(LawError) as caught:
-        _ = Law.parse(text).units
+    with pytest.raises(lw.LawError) as caught:
+        _ = lw.Law.parse(text).units
     assert message in str(caught.value)
 
 
@@ -174,17 +173,17 @@ def test_units_that_cannot_be(text: str, message: str) -> None:
     ],
 )
 def test_what_no_law_can_be(text: str, place: str, message: str) -> None:
-    with pytest.raises(LawError) as caught:
-        Law.parse(text)
+    with pytest.raises(lw.LawError) as caught:
+        lw.Law.parse(text)
     assert message in str(caught.value)
     assert caught.value.position is not None
     assert text[caught.value.position :].startswith(place)
 
 
 def test_a_force_needs_the_values_of_all_coefficients_of_which_some_may_make_a_divisor_vanish() -> None:
-    assert Law.parse("k*d/(1 - nu)").force(1.0, 0.0, {"k": 1.0, "nu": 0.5}) == 2.0
-    with pytest.raises(LawError) as caught:
-        Law.parse(BISTABLE).force(0.1, 0.2, {"alpha": 1.0, "c": 2.0})
+    assert lw.Law.parse("k*d/(1 - nu)").force(1.0, 0.0, {"k": 1.0, "nu": 0.5}) == 2.0
+    with pytest.raises(lw.LawError) as caught:
+        lw.Law.parse(BISTABLE).force(0.1, 0.2, {"alpha": 1.0, "c": 2.0})
     assert str(caught.value) == (
         f"The coefficient 'beta' has no value.\n  {BISTABLE}\n            ^\nValues are given for: alpha, c."
     )

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.model.named_laws import NAMED_LAWS
 
 JOINT = """
 [[mass]]
@@ -104,7 +103,7 @@ def test_a_table_of_a_state_is_decoded_strictly_and_an_unknown_initial_value_is_
         link.initial_state("V")
 
 
-@pytest.mark.parametrize("name", NAMED_LAWS)
+@pytest.mark.parametrize("name", lw.model.NAMED_LAWS)
 def test_every_named_law_is_consistent_and_complete(name: str) -> None:
     named = lw.model.named_law(name)
     link = named.link("link", ("m1", "ground"))

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.errors import StructureError
-from linkwise.model.chains import bnes_chain
 
 MASSES: dict[str, Any] = {"frame": 1.8, "sink": "120 g"}
 LINKS = {"leaf": "frame - ground: k*d + c*v", "nes": "sink - frame: alpha*d + beta*d**3 + c*v"}
@@ -80,7 +78,7 @@ def test_links_and_masses_of_texts_print_as_they_are_made() -> None:
 
 @pytest.mark.parametrize("n", [2, 4, 10])
 def test_defaults_are_table_1(n: int) -> None:
-    chain = bnes_chain(n)
+    chain = lw.bnes_chain(n)
     assert chain.mass_names == tuple(f"m{i}" for i in range(1, n + 1))
     np.testing.assert_array_equal(chain.mass_values, np.tile([1.0, 0.01], n // 2))
     assert [link.name for link in chain.links] == [
@@ -98,7 +96,7 @@ def test_forces_are_equation_1_for_four_masses() -> None:
     """M x'' = -B f against Eq. (1) written out, at a random state."""
     rng = np.random.default_rng(4)
     x, v = 0.02 * rng.standard_normal(4), rng.standard_normal(4)
-    chain = bnes_chain(4)
+    chain = lw.bnes_chain(4)
     d, rate = chain.elongations(x), chain.elongations(v)
     ours = chain.incidence @ [float(link.force(d[i], rate[i])) for i, link in enumerate(chain.links)]
 
@@ -125,8 +123,8 @@ def test_forces_are_equation_1_for_four_masses() -> None:
     ],
 )  # fmt: skip
 def test_what_is_no_chain_is_refused(masses: int, given: dict[str, Any], message: str) -> None:
-    with pytest.raises(StructureError, match=message):
-        bnes_chain(masses, **given)
+    with pytest.raises(lw.StructureError, match=message):
+        lw.bnes_chain(masses, **given)
 
 
 VALVE = """

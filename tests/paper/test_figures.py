@@ -16,7 +16,6 @@ import linkwise as lw
 from linkwise.paper import figures
 from linkwise.paper.figures import figure_6, figure_7, figure_8
 from linkwise.paper.tables import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2, PaperStudy
-from linkwise.plot import save
 from linkwise.plot.studies import accuracy_figure
 from linkwise.report.study import StudyReport
 
@@ -78,7 +77,7 @@ def test_the_bare_primary_mass_decays_as_a_linear_oscillator(tmp_path: Path) -> 
     time, bare = curve(figure.axes[0], "without sinks")
     w = np.sqrt(30000.0 - 0.25)
     np.testing.assert_allclose(bare, np.exp(-0.5 * time) * np.sin(w * time) / w, atol=1e-12)
-    png, svg = save(figure, tmp_path / "figure_3")
+    png, svg = lw.plot.save(figure, tmp_path / "figure_3")
     assert png.read_bytes()[:4] == b"\x89PNG" and "<svg" in svg.read_text()
     assert svg.stat().st_size < 500_000
 

@@ -2,14 +2,13 @@
 panels nothing is cut, and nothing lies on something else.
 """
 
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
 import pytest
+from commands import python
 from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -164,9 +163,7 @@ def test_pyplot_axes_work_and_nothing_here_imports_pyplot() -> None:
         "figure, ax = plt.subplots()\n"
         "assert lw.plot.histories(record, ax=ax) is ax and len(ax.lines) == 2\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False
-    )
+    result = python("-W", "error", "-c", code)
     assert result.returncode == 0, result.stderr
 
 

@@ -13,10 +13,10 @@ from matplotlib.lines import Line2D
 from present import some
 from problems import chain_record
 from reach_rows import EXACT, reach_maps
+from record_faults import changed, without
 from structures import host
 
 import linkwise as lw
-from linkwise.plot import save
 from linkwise.plot.absorptions import crossings_figure, decay_figure
 from linkwise.plot.links import force_figure
 from linkwise.plot.records import histories_figure
@@ -32,6 +32,7 @@ def eight() -> lw.Absorption:
 
 
 def labels(figure: Figure) -> list[str]:
+    """The words of its first legend."""
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
@@ -66,10 +67,7 @@ CHAIN = lw.bnes_chain(2)
 def with_a_gap() -> lw.Estimate:
     """A fit of two records, of which the first lacks samples of a sink."""
     first, second = (chain_record(2, duration=1.0).with_noise(30.0, seed=seed) for seed in (51, 52))
-    values = first.values.copy()
-    values[200:230, 1] = np.nan
-    gapped = lw.Record.from_arrays(first.time, dict(zip(first.channels, values.T, strict=True)))
-    return lw.identify([gapped, second], CHAIN.unknown("all"))
+    return lw.identify([without(first, x_m2=slice(200, 230)), second], CHAIN.unknown("all"))
 
 
 def test_residuals_are_those_of_all_samples_in_standard_deviations(with_a_gap: lw.Estimate) -> None:
@@ -85,11 +83,8 @@ def test_residuals_are_those_of_all_samples_in_standard_deviations(with_a_gap: l
 def test_a_missing_term_shows_over_the_motion() -> None:
     """Means over the elongation leave the band of noise where the law lacks a constant force, and not where it has it."""
     record = chain_record(2, duration=2.0).with_noise(30.0, seed=53)
-    shifted = {"x:m1": record.channel("x:m1"), "x:m2": record.channel("x:m2") + 2e-4}
-    fits = [
-        lw.identify(each, CHAIN.unknown("all"), as_stated=True)
-        for each in (record, lw.Record.from_arrays(record.time, shifted))
-    ]
+    shifted = changed(record, x_m2=lambda x: x + 2e-4)
+    fits = [lw.identify(each, CHAIN.unknown("all"), as_stated=True) for each in (record, shifted)]
     outside = []
     for fit in fits:
         axes = lw.plot.residuals(fit, "x:m2", "d of nes1")
@@ -166,12 +161,6 @@ def test_each_cell_has_its_per_cent_and_in_red_what_is_wrong_and_trusted() -> No
     np.testing.assert_allclose(colours, np.array(EXACT) / 4.0, rtol=1e-12)
 
 
-@pytest.fixture
-def measured(fitted: lw.Estimate) -> lw.Estimate:
-    """The same estimate as if its record had been measured: nobody knows the truth."""
-    return replace(fitted, record=replace(fitted.record, simulated=None))
-
-
 def waves(count: int, *, gap: slice | None = None, samples: int = 500) -> lw.Record:
     """A record of `count` masses that swing, each a little faster than the one before."""
     time = np.arange(samples) / 100.0
@@ -198,24 +187,19 @@ def test_envelope_keeps_every_extreme_and_every_gap() -> None:
         assert min(count, 1500) <= len(np.arange(count)[scattered(count)]) <= 3000
 
 
-def legend_words(figure: object) -> list[str]:
-    """The words of a figure's first legend."""
-    return [text.get_text() for text in figure.legends[0].get_texts()]  # type: ignore[attr-defined]
-
-
-def test_force_figure_names_axes_units_and_curves(measured: lw.Estimate, chain: lw.Structure) -> None:
-    figure = force_figure(measured, "nes1", truth=chain)
+def test_force_figure_names_axes_units_and_curves(unseen: lw.Estimate, chain: lw.Structure) -> None:
+    figure = force_figure(unseen, "nes1", truth=chain)
     wide, near = figure.axes
     assert wide.get_xlabel() == "elongation d, mm" and wide.get_ylabel() == "force at v = 0, N"
-    assert {"range visited", "true", "95 % band", "identified", "wells"} <= set(legend_words(figure))
+    assert {"range visited", "true", "95 % band", "identified", "wells"} <= set(labels(figure))
     assert figure.get_suptitle() == "nes1 (m2 – m1):  alpha*d + beta*d**3 + c*v"
     low, high = near.get_xlim()
     assert wide.get_xlim()[0] < low < -10.0 and 10.0 < high < wide.get_xlim()[1]  # wells at 10 mm
-    blind = replace(measured, compute_motion=lambda: replace(measured.motion, compute_residual=lambda: None))
-    assert "measured minus damping" in legend_words(force_figure(measured, "nes1"))
-    assert "minus damping" not in " ".join(legend_words(force_figure(blind, "nes1")))
-    spring = force_figure(measured, "spring1")
-    assert len(spring.axes) == 1 and "wells" not in legend_words(spring)
+    blind = replace(unseen, compute_motion=lambda: replace(unseen.motion, compute_residual=lambda: None))
+    assert "measured minus damping" in labels(force_figure(unseen, "nes1"))
+    assert "minus damping" not in " ".join(labels(force_figure(blind, "nes1")))
+    spring = force_figure(unseen, "spring1")
+    assert len(spring.axes) == 1 and "wells" not in labels(spring)
 
 
 @pytest.mark.parametrize(
@@ -224,12 +208,12 @@ def test_force_figure_names_axes_units_and_curves(measured: lw.Estimate, chain: 
 def test_gaps_are_drawn_as_gaps(record: lw.Record, tmp_path: Path) -> None:
     figure = histories_figure(record)
     assert np.isnan(figure.axes[0].lines[0].get_ydata()).any()
-    save(figure, tmp_path / "histories")
+    lw.plot.save(figure, tmp_path / "histories")
 
 
 @pytest.mark.slow
 def test_saved_figures_are_the_same_every_time(fitted: lw.Estimate, tmp_path: Path) -> None:
-    first = [path.read_bytes() for path in save(force_figure(fitted, "nes1"), tmp_path / "a.b")]
-    again = [path.read_bytes() for path in save(force_figure(fitted, "nes1"), tmp_path / "c.d")]
+    first = [path.read_bytes() for path in lw.plot.save(force_figure(fitted, "nes1"), tmp_path / "a.b")]
+    again = [path.read_bytes() for path in lw.plot.save(force_figure(fitted, "nes1"), tmp_path / "c.d")]
     assert first == again
     assert {path.name for path in tmp_path.iterdir()} == {"a.b.png", "a.b.svg", "c.d.png", "c.d.svg"}

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from present import present
 from problems import PROBLEMS, chain_record, parsed
+from record_faults import without
 from rigs import hysteretic, measured, run
 from structures import beam_of_one_mode, link, oscillator
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.errors import RecordError
-from linkwise.records.channel import Channel
 from linkwise.records.record import common_samples
 from linkwise.records.sample_checks import require_complete
 from linkwise.records.timeline import resample_evenly
@@ -74,11 +73,9 @@ def test_clipped_samples_of_what_is_no_response_are_refused() -> None:
 def two_rates(every: int, first: int = 0) -> lw.Record:
     """The paper's chain at 1000 Hz, its sink at a part of that rate; 30 dB."""
     record = chain_record(2).with_noise(30.0, seed=31)
-    values = record.values.copy()
     missing = np.ones(len(record), dtype=bool)
     missing[first::every] = False
-    values[missing, 1] = np.nan
-    return replace(record, values=values)
+    return without(record, **{str(record.channels[1]): missing})
 
 
 @pytest.mark.parametrize("every", [2, 5])
@@ -127,7 +124,7 @@ def test_most_samples_may_be_missing_at_random(missing: float) -> None:
 
 
 RATE = 200.0
-X, SINE, BASE = map(Channel.parse, ("x:m1", "force:m1", "a:base"))
+X, SINE, BASE = map(lw.records.Channel.parse, ("x:m1", "force:m1", "a:base"))
 
 
 def noisy(times: Floats, seed: int) -> Floats:
@@ -176,9 +173,9 @@ def test_where_a_spline_would_amplify_noise_samples_are_missing(missing: float) 
 def test_infinite_and_few_samples_are_refused_on_and_off_the_grid(uneven: float) -> None:
     times = np.arange(64) / RATE + uneven * np.sin(np.arange(64))
     rate = RATE * (1.1 if uneven else 1.0)
-    with pytest.raises(RecordError, match="infinite values"):
+    with pytest.raises(lw.RecordError, match="infinite values"):
         resample_evenly(times, {X: np.full(64, np.inf)}, rate)
-    with pytest.raises(RecordError, match="0 samples are too few"):
+    with pytest.raises(lw.RecordError, match="0 samples are too few"):
         resample_evenly(times, {X: np.full(64, np.nan)}, rate)
 
 
@@ -211,18 +208,11 @@ def _on_host() -> tuple[lw.Record, lw.Structure]:
     return _beam(SPRING), beam_of_one_mode(SPRING, damping=0.01).unknown("all")
 
 
-def _lacking(record: lw.Record) -> lw.Record:
-    """The record without two samples of its input."""
-    values = record.values.copy()
-    values[[20, 60], record.channels.index(record.inputs[0])] = np.nan
-    return replace(record, values=values)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [_driven, _carried, _on_rig, _on_host])
 def test_every_method_refuses_a_gap_in_an_input(case: Callable[[], tuple[lw.Record, lw.Structure]]) -> None:
     record, structure = case()
-    lacking = _lacking(record)
+    lacking = without(record, **{record.inputs[0]: [20, 60]})
     with pytest.raises(lw.IdentificationError) as error:
         lw.identify(lacking, structure, method="ml")
     first, end = (f"{row / record.rate:.9g}" for row in (20, len(record) - 1))
@@ -241,9 +231,7 @@ def test_every_method_refuses_a_gap_in_an_input(case: Callable[[], tuple[lw.Reco
 )
 def test_the_longest_piece_without_a_gap_is_named(missing: list[int], longest: tuple[int, int]) -> None:
     record = PROBLEMS["two masses, 20 dB"].clean[100:110]
-    values = record.values.copy()
-    values[missing, 0] = np.nan
-    lacking = replace(record, values=values, simulated=None)
+    lacking = without(record, x_m1=missing)
     with pytest.raises(lw.IdentificationError) as error:
         require_complete("x:m1", lacking.channel("x:m1"), lacking.start, lacking.rate)
     named = str(error.value).partition("record.between(")[2].partition(")")[0]

@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 from present import present
 
+import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.errors import ArgumentTypeError, RecordError
-from linkwise.model.chains import bnes_chain
-from linkwise.records.channel import Channel
-from linkwise.records.record import EnergyBalance, Record, SimulationTruth
 from linkwise.records.timeline import ATTENUATION, PASSBAND
 
 N = 400
@@ -28,15 +25,15 @@ def wave() -> dict[str, Floats]:
 
 
 @pytest.fixture
-def record(wave: dict[str, Floats]) -> Record:
-    return Record(0.0, RATE, tuple(wave), np.column_stack(list(wave.values())))
+def record(wave: dict[str, Floats]) -> lw.Record:
+    return lw.Record(0.0, RATE, tuple(wave), np.column_stack(list(wave.values())))
 
 
-def truth(n: int) -> SimulationTruth:
+def truth(n: int) -> lw.records.SimulationTruth:
     ramp = np.arange(float(n))
-    energy = EnergyBalance(ramp + 3.0, ramp, np.ones((n, 2)), np.full((n, 1), 1.0))
-    return SimulationTruth(
-        structure=bnes_chain(2),
+    energy = lw.records.EnergyBalance(ramp + 3.0, ramp, np.ones((n, 2)), np.full((n, 1), 1.0))
+    return lw.records.SimulationTruth(
+        structure=lw.bnes_chain(2),
         displacement=np.column_stack([ramp, -ramp]),
         velocity=np.column_stack([2.0 * ramp, ramp]),
         base=ramp,
@@ -44,7 +41,7 @@ def truth(n: int) -> SimulationTruth:
     )
 
 
-def test_a_record_knows_its_shape_and_its_kinds(record: Record) -> None:
+def test_a_record_knows_its_shape_and_its_kinds(record: lw.Record) -> None:
     assert len(record) == N
     assert record.step == 1e-3
     assert record.duration == (N - 1) / RATE
@@ -56,9 +53,9 @@ def test_a_record_knows_its_shape_and_its_kinds(record: Record) -> None:
     assert repr(record) == "Record of 400 samples at 1000 Hz, 0 to 0.399 s: x:m1, a:m2, force:m1, x:base"
 
 
-def test_a_record_cannot_be_changed(record: Record, wave: dict[str, Floats]) -> None:
+def test_a_record_cannot_be_changed(record: lw.Record, wave: dict[str, Floats]) -> None:
     values = np.column_stack(list(wave.values()))
-    protected = Record(0.0, RATE, tuple(wave), values)
+    protected = lw.Record(0.0, RATE, tuple(wave), values)
     values[0, 0] = 7.0
     assert protected.values[0, 0] == 0.0
     for array in (record.values, record.channel("x:m1"), record.time, record.missing, record[5:50].values):
@@ -80,8 +77,8 @@ def test_a_record_cannot_be_changed(record: Record, wave: dict[str, Floats]) -> 
     ],
 )
 def test_what_is_no_channel_is_refused(name: str, message: str) -> None:
-    with pytest.raises(RecordError) as caught:
-        Channel.parse(name)
+    with pytest.raises(lw.RecordError) as caught:
+        lw.records.Channel.parse(name)
     assert message in str(caught.value)
 
 
@@ -101,8 +98,8 @@ def test_what_is_no_channel_is_refused(name: str, message: str) -> None:
 )  # fmt: skip
 def test_what_is_no_record_is_refused(change: dict[str, Any], message: str) -> None:
     given = {"start": 0.0, "rate": 10.0, "channels": ("x:m1", "x:m2"), "values": np.zeros((5, 2)), **change}
-    with pytest.raises(RecordError) as caught:
-        Record(**given)
+    with pytest.raises(lw.RecordError) as caught:
+        lw.Record(**given)
     assert message in str(caught.value)
 
 
@@ -111,7 +108,7 @@ def test_arrays_become_a_record_and_gaps_become_missing_samples(wave: dict[str, 
     rows = np.delete(np.arange(N), [10, 11, 12, 200])
     wave["x:m1"][0] = np.nan
     kept = {name: values[rows] for name, values in wave.items()}
-    record = Record.from_arrays(time[rows], kept, source="bench")
+    record = lw.Record.from_arrays(time[rows], kept, source="bench")
     assert len(record) == N
     assert record.rate == RATE
     assert np.flatnonzero(record.missing[:, 0]).tolist() == [0, 10, 11, 12, 200]
@@ -123,14 +120,14 @@ def test_arrays_become_a_record_and_gaps_become_missing_samples(wave: dict[str, 
         "x:m1: 1 of 396 samples are missing.",
     )
     # whole numbers and slow clocks are noted, and an input may rest and repeat
-    record = Record.from_arrays(np.arange(N), {"x:m1": np.arange(N) % 7})
+    record = lw.Record.from_arrays(np.arange(N), {"x:m1": np.arange(N) % 7})
     assert record.values.dtype == np.float64
     assert record.notes == (
         "The sampling interval is 1 s. If the times are in ms, name their column time[ms].",
         "x:m1: integers were taken as values in m; counts need a unit.",
     )
     wave["force:m2"] = wave["force:m1"]
-    assert Record.from_arrays(time, wave).inputs == ("force:m1", "x:base", "force:m2")
+    assert lw.Record.from_arrays(time, wave).inputs == ("force:m1", "x:base", "force:m2")
 
 
 @pytest.mark.parametrize(
@@ -148,12 +145,12 @@ def test_arrays_become_a_record_and_gaps_become_missing_samples(wave: dict[str, 
 )  # fmt: skip
 def test_what_is_useless_is_refused(wave: dict[str, Floats], change: dict[str, Any], message: str) -> None:
     time = change.pop("time", np.arange(N) / RATE)
-    with pytest.raises((RecordError, ArgumentTypeError)) as caught:
-        Record.from_arrays(time, {**wave, **change})
+    with pytest.raises((lw.RecordError, lw.ArgumentTypeError)) as caught:
+        lw.Record.from_arrays(time, {**wave, **change})
     assert message in str(caught.value)
 
 
-def test_a_slice_is_a_record_that_starts_later(record: Record) -> None:
+def test_a_slice_is_a_record_that_starts_later(record: lw.Record) -> None:
     part = record[100:-50]
     assert part.start == 0.1
     assert len(part) == N - 150
@@ -187,19 +184,21 @@ def test_a_slice_is_a_record_that_starts_later(record: Record) -> None:
         (lambda r: r.with_noise(np.inf, seed=0), "decibel must be within 1000 of zero, got inf"),
     ],
 )  # fmt: skip
-def test_a_wrong_request_says_why(record: Record, act: Callable[[Record], object], message: str) -> None:
-    with pytest.raises((RecordError, ArgumentTypeError)) as caught:
+def test_a_wrong_request_says_why(
+    record: lw.Record, act: Callable[[lw.Record], object], message: str
+) -> None:
+    with pytest.raises((lw.RecordError, lw.ArgumentTypeError)) as caught:
         act(record)
     assert message in str(caught.value)
 
 
-def test_selection_keeps_order_and_noise(record: Record, wave: dict[str, Floats]) -> None:
+def test_selection_keeps_order_and_noise(record: lw.Record, wave: dict[str, Floats]) -> None:
     part = replace(record, noise={"x:m1": 0.1, "a:m2": 0.2}).select(["a:m2", "force:m1"])
     assert part.channels == ("a:m2", "force:m1")
     assert part.noise == {"a:m2": 0.2}
     assert np.array_equal(part.channel("a:m2"), wave["a:m2"])
     message = "channel v:m1: is not in the record; the channels are x:m1, a:m2, force:m1, x:base"
-    with pytest.raises(RecordError, match=message):
+    with pytest.raises(lw.RecordError, match=message):
         record.channel("v:m1")
 
 
@@ -211,7 +210,7 @@ def test_noise_has_the_variance_of_the_paper(decibel: float) -> None:
     n = 100_000
     t = np.arange(n) / RATE
     clean = 0.3 + np.sin(40.0 * t)  # the mean counts: sigma^2 = mean(x^2) 10^(-dB/10), not the variance of x
-    record = Record(0.0, RATE, ("x:m1",), clean[:, np.newaxis]).with_noise(decibel, seed=4)
+    record = lw.Record(0.0, RATE, ("x:m1",), clean[:, np.newaxis]).with_noise(decibel, seed=4)
     noise = record.channel("x:m1") - clean
     expected = np.mean(clean**2) * 10.0 ** (-decibel / 10.0)
     # Relative standard deviation of a variance from n normal samples: sqrt(2/n); 4 of them, seed fixed.
@@ -222,7 +221,7 @@ def test_noise_has_the_variance_of_the_paper(decibel: float) -> None:
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4.0 / np.sqrt(n)
 
 
-def test_added_noise_is_part_of_the_truth_only(record: Record) -> None:
+def test_added_noise_is_part_of_the_truth_only(record: lw.Record) -> None:
     known = replace(record, noise={"x:m1": 0.1, "x:base": 0.2}, simulated=truth(N))
     noisy = known.with_noise(20.0, seed=3)
     sigma = float(np.sqrt(np.mean(record.channel("x:m1") ** 2) * 0.01))
@@ -232,16 +231,16 @@ def test_added_noise_is_part_of_the_truth_only(record: Record) -> None:
     assert record.with_noise(20.0, seed=3).simulated is None
     values = record.values.copy()
     values[7, 0] = np.nan
-    noisy = Record(0.0, RATE, record.channels, values).with_noise(20.0, seed=3)
+    noisy = lw.Record(0.0, RATE, record.channels, values).with_noise(20.0, seed=3)
     assert np.argwhere(noisy.missing).tolist() == [[7, 0]]
 
 
 # Decimation ----------------------------------------------------------------
 
 
-def tone(frequency: float, n: int = 20000) -> Record:
+def tone(frequency: float, n: int = 20000) -> lw.Record:
     motion = np.cos(2.0 * np.pi * frequency * np.arange(n) / RATE + 0.3)
-    return Record(0.0, RATE, ("x:m1",), motion[:, np.newaxis])
+    return lw.Record(0.0, RATE, ("x:m1",), motion[:, np.newaxis])
 
 
 @pytest.mark.parametrize("factor", [2, 5, 16])
@@ -259,20 +258,20 @@ def test_decimation_keeps_the_passband_and_its_phase(factor: int) -> None:
 def test_motion_that_folds_is_told() -> None:
     noise = 1e-3 * np.random.default_rng(3).standard_normal((20000, 1))
     slow, fast = tone(0.5 * RATE / 8.0), tone(1.1 * RATE / 8.0)
-    both = Record(0.0, RATE, ("x:m1",), slow.values + 0.01 * fast.values + noise).decimate(4)
+    both = lw.Record(0.0, RATE, ("x:m1",), slow.values + 0.01 * fast.values + noise).decimate(4)
     assert any(note.startswith("x:m1: the motion between") for note in both.notes)
-    alone = Record(0.0, RATE, ("x:m1",), slow.values + noise).decimate(4)
+    alone = lw.Record(0.0, RATE, ("x:m1",), slow.values + noise).decimate(4)
     assert len(alone.notes) == 1
 
 
-def test_known_noise_shrinks_as_white_noise_does_and_no_filter_crosses_a_gap(record: Record) -> None:
+def test_known_noise_shrinks_as_white_noise_does_and_no_filter_crosses_a_gap(record: lw.Record) -> None:
     n = 200_000
     white = np.random.default_rng(8).standard_normal((n, 1))
-    thin = Record(0.0, RATE, ("x:m1",), white, noise={"x:m1": 1.0}).decimate(5)
+    thin = lw.Record(0.0, RATE, ("x:m1",), white, noise={"x:m1": 1.0}).decimate(5)
     # The outputs are independent, n / 5 of them; 4 standard deviations of their standard deviation.
     assert np.std(thin.values) == pytest.approx(thin.noise["x:m1"], rel=4.0 / np.sqrt(2.0 * n / 5))
     values = np.tile(record.values, (3, 1))
     values[600, 1] = np.nan
     message = "channel a:m2: samples are missing, and the anti-alias filter cannot bridge a gap"
-    with pytest.raises(RecordError, match=message):
-        Record(0.0, RATE, record.channels, values).decimate(2)
+    with pytest.raises(lw.RecordError, match=message):
+        lw.Record(0.0, RATE, record.channels, values).decimate(2)

@@ -88,14 +88,16 @@ def test_what_is_known_of_sensors_is_written_and_read_back() -> None:
 
 
 def test_a_record_refuses_what_is_stated_of_other_channels() -> None:
-    record = lw.Record(0.0, 200.0, ("x:m1",), MOTION[:, None])
-    known = lw.records.SensorUncertainty(offset=1e-4)
-    with pytest.raises(
-        lw.RecordError, match="channel x:m2: is not in the record, and something is stated of it"
+    record, known = (
+        lw.Record(0.0, 200.0, ("x:m1",), MOTION[:, None]),
+        lw.records.SensorUncertainty(offset=1e-4),
+    )
+    for channel, message in (
+        ("x:m2", "channel x:m2: is not in the record, and something is stated of it"),
+        ("common", "sensors share a gain, not an offset or a delay"),
     ):
-        replace(record, uncertainty={"x:m2": known})
-    with pytest.raises(lw.RecordError, match="sensors share a gain, not an offset or a delay"):
-        replace(record, uncertainty={"common": known})
+        with pytest.raises(lw.RecordError, match=message):
+            replace(record, uncertainty={channel: known})
     with pytest.raises(lw.RecordError, match="standard deviation of a delay must not be negative"):
         lw.records.SensorUncertainty(delay=-1.0)
 

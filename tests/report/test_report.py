@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
-from record_faults import chain
+from record_faults import chain, changed
 from structures import torsion_chain
 
 import linkwise as lw
@@ -177,9 +177,8 @@ def test_the_box_of_a_discovery_has_its_grade_and_not_that_of_its_fit(discovered
 @pytest.fixture(scope="module")
 def clipped() -> lw.Record:
     record = chain(2, 30.0)
-    values = record.values.copy()
-    values[:, 0] = np.clip(values[:, 0], None, 0.7 * values[:, 0].max())
-    return replace(record, values=values, source="<b>clipped</b>", simulated=None)
+    clipped = changed(record, **{str(record.channels[0]): lambda x: np.clip(x, None, 0.7 * x.max())})
+    return replace(clipped, source="<b>clipped</b>")
 
 
 def test_folder_holds_numbers_figures_and_page(clipped: lw.Record, tmp_path: Path) -> None:

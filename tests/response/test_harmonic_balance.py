@@ -5,7 +5,6 @@ import pytest
 from structures import HARDENING, link, oscillator, structure
 
 import linkwise as lw
-from linkwise.errors import SimulationError
 from linkwise.response.harmonic_balance import HarmonicBalance
 from linkwise.response.options import Drive, ResponseKeywords
 
@@ -86,5 +85,5 @@ def test_smooth_laws_are_balanced_where_heyoka_is_missing(monkeypatch: pytest.Mo
     np.testing.assert_allclose(by_balance, by_shooting, rtol=1e-6)
     assert not shot.findings and "were not looked for" in str(balanced)
     monkeypatch.setattr("linkwise.response.shooting.phase_integrator", lambda shape: None)
-    with pytest.raises(SimulationError, match="heyoka"):
+    with pytest.raises(lw.SimulationError, match="heyoka"):
         lw.backbone(pair, 1, to_energy=1e-3)

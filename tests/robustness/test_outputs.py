@@ -13,6 +13,7 @@ from errno import EACCES, EBUSY, ENOSPC
 from pathlib import Path
 
 import pytest
+from commands import said
 from problems import chain_record
 from structures import beam_of_one_mode
 
@@ -243,25 +244,20 @@ def test_a_full_disk_is_told_in_one_line(command: str, capsys: pytest.CaptureFix
 
 
 @pytest.fixture(scope="module")
-def arguments(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """A quick identification: the arguments, without a folder for the result."""
+def line(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A quick identification, without a folder for the result."""
     folder = tmp_path_factory.mktemp("files")
     chain = lw.bnes_chain(2)
     lw.write_structure(chain.unknown("nes"), folder / "unknown.toml")
     record = chain_record(2, duration=1.0, rate=500.0).with_noise(30.0, seed=1)
     lw.write_record(record, folder / "run.csv")
-    return ["identify", str(folder / "run.csv"), str(folder / "unknown.toml"), "--method", "weak"]
+    return f"identify {folder}/run.csv {folder}/unknown.toml --method weak"
 
 
 @pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize(("moment", "elsewhere"), [(1, True), (4, False), (7, True)])
 def test_an_answer_is_printed_and_kept_where_the_disk_is_full_after_the_fit(
-    moment: int,
-    elsewhere: bool,
-    arguments: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    moment: int, elsewhere: bool, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At the file `moment` of the result; `elsewhere` tells whether another disk has room."""
     folder = tmp_path / "answer"
@@ -281,10 +277,9 @@ def test_an_answer_is_printed_and_kept_where_the_disk_is_full_after_the_fit(
     monkeypatch.setattr("builtins.open", full)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "kept"))
     (tmp_path / "kept").mkdir()
-    assert run([*arguments, "-o", str(folder)]) == 1
-    said = capsys.readouterr()
-    assert "nes1.alpha" in said.out or "alpha" in said.out
-    note, error = said.err.strip().splitlines()
+    out, err = said(f"{line} -o {folder}", 1)
+    assert "alpha" in out
+    note, error = err.strip().splitlines()
     assert error == f"linkwise: {folder}: the result could not be written: No space left on device"
     assert whole(folder) == "old" and {entry.name for entry in tmp_path.iterdir()} == {"answer", "kept"}
     if elsewhere:
@@ -298,19 +293,14 @@ def test_an_answer_is_printed_and_kept_where_the_disk_is_full_after_the_fit(
 
 @pytest.mark.parametrize("fault", [RuntimeError("no such symbol"), MemoryError()])
 def test_numbers_are_kept_where_a_figure_cannot_be_drawn(
-    fault: Exception,
-    arguments: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    fault: Exception, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def undrawn(*_: object) -> None:
         raise fault
 
     monkeypatch.setattr("linkwise.report.result_folder.embedded", undrawn)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    assert run([*arguments, "-o", str(tmp_path / "answer")]) == 1
-    note, error = capsys.readouterr().err.strip().splitlines()
+    note, error = said(f"{line} -o {tmp_path}/answer", 1).err.strip().splitlines()
     place, _, lacking = note.removeprefix("note: the result was kept in ").partition(", ")
     assert lacking == "without figures and page" and error.startswith("linkwise: ")
     assert not (tmp_path / "answer").exists() and lw.estimates.read_posterior(place).names
@@ -320,14 +310,14 @@ def test_numbers_are_kept_where_a_figure_cannot_be_drawn(
 
 @pytest.mark.usefixtures("unrendered")
 def test_an_answer_is_written_where_nobody_reads_what_is_printed(
-    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def unheard(*_: object, **__: object) -> None:
         raise BrokenPipeError
 
     monkeypatch.setattr("click.echo", unheard)
     monkeypatch.setattr("os.dup2", lambda *_: None)
-    assert run([*arguments, "-o", str(tmp_path / "answer")]) == 1
+    assert run([*line.split(), "-o", str(tmp_path / "answer")]) == 1
     assert (tmp_path / "answer" / "result.json").is_file()
 
 

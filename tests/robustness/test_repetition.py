@@ -12,7 +12,6 @@ import pytest
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.cli import run
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -36,18 +35,6 @@ def test_a_record_given_twice_is_refused(record: lw.Record) -> None:
         lw.discover([record, record], MASSES)
     with pytest.raises(lw.RecordError, match="hold the same samples"):
         lw.discovery.check_discovery([record, record], MASSES)
-
-
-def test_the_same_file_with_with_is_refused(
-    record: lw.Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    lw.write_record(record, "run.csv")
-    lw.write_record(record, "copy.h5")
-    lw.write_structure(CHAIN.unknown("nes"), "unknown.toml")
-    for again in ("run.csv", "copy.h5"):
-        assert run(["identify", "run.csv", "unknown.toml", "--with", again]) == 2
-        assert "records 1 and 2 (run.csv) hold the same samples" in capsys.readouterr().err
 
 
 @pytest.mark.slow

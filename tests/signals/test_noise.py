@@ -8,8 +8,6 @@ from problems import chain_record
 from scipy.signal import firwin, lfilter
 
 import linkwise as lw
-from linkwise.errors import RecordError
-from linkwise.records.record import Record
 from linkwise.signals.noise import bandwidth, noise_beside_motion, noise_sigma
 
 RATE = 1000.0
@@ -31,13 +29,13 @@ def _noisy(decibel: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.fixture(scope="module", params=[2, 6])
-def chain(request: pytest.FixtureRequest) -> Record:
+def chain(request: pytest.FixtureRequest) -> lw.Record:
     """The paper's chain: 6 s at 1 kHz, displacements only."""
     return chain_record(request.param)
 
 
 @pytest.mark.parametrize(("decibel", "limit"), [(10.0, 0.05), (20.0, 0.05), (40.0, 0.05), (60.0, 0.1)])
-def test_the_noise_of_the_paper_s_chains_is_found(chain: Record, decibel: float, limit: float) -> None:
+def test_the_noise_of_the_paper_s_chains_is_found(chain: lw.Record, decibel: float, limit: float) -> None:
     # 5 % are four standard deviations of the estimate; at 60 dB the sinks' jumps fill a third of the cells and add to it.
     noisy = chain.with_noise(decibel, seed=1)
     sigma = np.array([present(noisy.simulated).noise[name] for name in noisy.channels])
@@ -100,7 +98,7 @@ def test_the_bandwidth_of_noise_is_one_bin_and_of_a_full_band_half_the_rate() ->
 def test_a_record_full_of_holes_has_no_bandwidth() -> None:
     values = np.random.default_rng(3).normal(size=1000)
     values[::20] = np.nan
-    with pytest.raises(RecordError, match=r"bandwidth of x:m1 .* no 256 consecutive .*record\.between"):
+    with pytest.raises(lw.RecordError, match=r"bandwidth of x:m1 .* no 256 consecutive .*record\.between"):
         bandwidth(values, RATE, names=["x:m1"])
 
 

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.errors import RecordError
-from linkwise.records.record import Record
+import linkwise as lw
 from linkwise.signals.states import (
     DRIFT_FREQUENCY,
     DifferentiationMethod,
-    differentiate,
     drift_frequency,
     finite_differences,
     integral,
@@ -27,10 +25,10 @@ V = W * np.cos(TIME[:, None] * W)
 A = -(W**2) * X
 
 
-def _record(**channels: np.ndarray) -> Record:
+def _record(**channels: np.ndarray) -> lw.Record:
     """A record of channels given as x_m1=..., "_" for ":"."""
     names = tuple(name.replace("_", ":") for name in channels)
-    return Record(0.5, RATE, names, np.column_stack(list(channels.values())))
+    return lw.Record(0.5, RATE, names, np.column_stack(list(channels.values())))
 
 
 def _share(computed: np.ndarray, exact: np.ndarray) -> float:
@@ -46,7 +44,7 @@ def test_differences_have_their_declared_order_up_to_both_ends(derivative: int) 
         found = finite_differences(values, count, derivative)
         errors.append(np.max(np.abs(found - values * 2**derivative)))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)  # measured to 0.12
-    with pytest.raises(RecordError, match="5 samples are too few for differences of order 4"):
+    with pytest.raises(lw.RecordError, match="5 samples are too few for differences of order 4"):
         finite_differences(X[:5], RATE, 2)
 
 
@@ -61,7 +59,7 @@ def test_differences_have_their_declared_order_up_to_both_ends(derivative: int) 
 def test_methods_derive_what_is_missing(
     method: DifferentiationMethod, v_limit: float, a_limit: float
 ) -> None:
-    states = differentiate(_record(x_m1=X[:, 0], x_m2=X[:, 1]), method)
+    states = lw.sindy.differentiate(_record(x_m1=X[:, 0], x_m2=X[:, 1]), method)
     inner = np.isin(TIME + 0.5, states.time)
     assert states.masses == ("m1", "m2")
     for mass in range(2):
@@ -72,13 +70,13 @@ def test_methods_derive_what_is_missing(
 def test_forces_and_base_motion_come_along() -> None:
     push, base = np.cos(TIME), 1e-3 * np.sin(2 * np.pi * 5 * TIME)
     record = _record(x_m1=X[:, 0], x_m2=X[:, 1], force_m2=push, x_base=base)
-    states = differentiate(record, "differences")
+    states = lw.sindy.differentiate(record, "differences")
     assert states.driven == ("m2",)
     np.testing.assert_array_equal(states.forces, np.column_stack([np.zeros(3000), push]))
     np.testing.assert_array_equal(states.base, base)
     # fourth order of 2 pi 5 Hz / kHz over 30, 3.2e-8; measured 3.3e-8
     assert _share(present(states.base_velocity), 1e-3 * 2 * np.pi * 5 * np.cos(2 * np.pi * 5 * TIME)) < 1e-6
-    assert differentiate(_record(x_m1=X[:, 0]), "differences").base is None
+    assert lw.sindy.differentiate(_record(x_m1=X[:, 0]), "differences").base is None
 
 
 HOLED = X.copy()
@@ -102,8 +100,8 @@ SLOW = np.cos(TIME[:64]) + 0.01 * np.random.default_rng(1).normal(size=64)
 def test_refused_signals(
     channels: dict[str, np.ndarray], method: DifferentiationMethod, message: str
 ) -> None:
-    with pytest.raises(RecordError, match=message):
-        differentiate(_record(**channels), method)
+    with pytest.raises(lw.RecordError, match=message):
+        lw.sindy.differentiate(_record(**channels), method)
 
 
 def test_the_integral_has_its_order() -> None:
@@ -136,7 +134,7 @@ def test_savitzky_golay_reproduces_polynomials_of_its_degree_up_to_both_ends(hal
 @pytest.mark.parametrize("half", [2, 1500])
 def test_a_window_that_cannot_be_is_refused(half: int) -> None:
     message = rf"window for degree 5 must .* at most 3000 samples .*, got {2 * half + 1}"
-    with pytest.raises(RecordError, match=message):
+    with pytest.raises(lw.RecordError, match=message):
         savitzky_golay(TIME, RATE, half=half)
 
 
@@ -156,11 +154,11 @@ def test_smoothers_refuse_gaps_and_short_records() -> None:
     holed = np.sin(TIME)
     holed[[30, 31]] = np.nan
     message = "2 samples are missing, the first at index 30; smoothers cannot bridge a gap"
-    with pytest.raises(RecordError, match=message):
+    with pytest.raises(lw.RecordError, match=message):
         smoothing_spline(holed, RATE)
-    with pytest.raises(RecordError, match="2 samples are missing"):
+    with pytest.raises(lw.RecordError, match="2 samples are missing"):
         savitzky_golay(holed, RATE, half=5)
-    with pytest.raises(RecordError, match="10 samples are too few for a smoothing spline, which needs 16"):
+    with pytest.raises(lw.RecordError, match="10 samples are too few for a smoothing spline, which needs 16"):
         smoothing_spline(np.arange(10.0), RATE)
-    with pytest.raises(RecordError, match=r"smoothing must be between 1e-8 and 1e12, got 0\.0"):
+    with pytest.raises(lw.RecordError, match=r"smoothing must be between 1e-8 and 1e12, got 0\.0"):
         smoothing_spline(TIME, RATE, smoothing=0.0)

@@ -88,16 +88,11 @@ def test_work_on_a_hysteretic_link_is_the_area_of_its_loops() -> None:
     assert truth.energy.work[-1, 1] == pytest.approx(area, rel=1e-5)
 
 
-def test_channels_of_links_survive_every_format(tmp_path: Path) -> None:
+def test_channels_of_links_are_simulated_and_read_in_their_units(tmp_path: Path) -> None:
     sampling: dict[str, Any] = {"duration": 1.0, "rate": RATE, "sensors": ["x", "f", "state"]}
     record = lw.simulate(beside_spring("piezo"), forces={"m1": DRIVE}, **sampling)
     assert record.channels == ("x:m1", "f:spring", "f:link", "state:link.V", "force:m1")
     assert record.masses == ("m1",) and record.inputs == ("force:m1",)
-    for suffix in ("csv", "mat", "h5", "parquet"):
-        lw.write_record(record, tmp_path / f"record.{suffix}")
-        read = lw.read_record(tmp_path / f"record.{suffix}", known_masses=("m1",))
-        assert read.channels == record.channels
-        np.testing.assert_allclose(read.values, record.values, rtol=1e-12)
     rows = (f"{k / 100},{k % 7},{k * k}" for k in range(40))
     (tmp_path / "run.csv").write_text("\n".join(["time,x:m1[mm],state:piezo.V[mV]", *rows]))
     read = lw.read_record(tmp_path / "run.csv")

@@ -81,15 +81,12 @@ def test_commands_and_files_keep_signals(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     lw.write_structure(VALVE, "valve.toml")
-    said(
-        f"simulate valve.toml --duration 1 --rate 100 --release x:m1=0.1 --signal u=2*sin(3*t) -o run.{suffix}"
-    )
+    line = "simulate valve.toml --duration 1 --rate 100 --release x:m1=0.1 --signal"
+    said(f"{line} u=2*sin(3*t) -o run.{suffix}")
     record = lw.read_record(f"run.{suffix}")
     # MAT files have units of channels nowhere
     assert record.unit("signal:u") == ("?" if suffix == "mat" else "V")
-    said(
-        f"simulate valve.toml --duration 1 --rate 100 --release x:m1=0.1 --signal u=run.{suffix} -o again.csv"
-    )
+    said(f"{line} u=run.{suffix} -o again.csv")
     np.testing.assert_allclose(lw.read_record("again.csv").values, record.values, atol=1e-5)
 
 

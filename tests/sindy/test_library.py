@@ -7,9 +7,7 @@ import pytest
 from present import some
 from structures import oscillator
 
-from linkwise.errors import IdentificationError, RecordError
-from linkwise.model.chains import bnes_chain
-from linkwise.model.structure import Structure
+import linkwise as lw
 from linkwise.signals.states import States
 from linkwise.sindy.library import Monomials, link_columns, monomial_equations
 from linkwise.sindy.regression.regressor import LeastSquares, Stlsq
@@ -19,7 +17,7 @@ SAME = 1e-9  # same numerics: rounding times the condition number of the columns
 ROUNDING = 1e-11  # what rounding leaves of equations that hold exactly
 
 
-def _states(structure: Structure, *, forces: bool = False, base: bool = False, seed: int = 0) -> States:
+def _states(structure: lw.Structure, *, forces: bool = False, base: bool = False, seed: int = 0) -> States:
     """Arbitrary motion, and the accelerations that the structure has in it: Eq. 1 holds point by point, whatever the orbit."""
     random = np.random.default_rng(seed)
     x = 0.02 * random.normal(size=(COUNT, structure.size))
@@ -55,14 +53,14 @@ def test_monomials_are_counted_named_and_evaluated_in_the_same_order() -> None:
 
 def test_a_library_that_cannot_be_is_refused() -> None:
     message = "an order of 0 or more and names that differ, got order -1 in a, b"
-    with pytest.raises(IdentificationError, match=message):
+    with pytest.raises(lw.IdentificationError, match=message):
         Monomials(("a", "b"), -1)
-    with pytest.raises(IdentificationError, match="names that differ"):
+    with pytest.raises(lw.IdentificationError, match="names that differ"):
         Monomials(("a", "a"), 2)
 
 
 def test_a_library_of_a_mass_and_its_neighbours_holds_its_equation() -> None:
-    states = _states(bnes_chain(6))
+    states = _states(lw.bnes_chain(6))
     own = monomial_equations(states, 3, columns_of=("m3", "m4"), equations_of=("m4",))
     assert len(own.names) == 35
     fit = LeastSquares().fit(own)
@@ -75,18 +73,18 @@ def test_a_library_of_a_mass_and_its_neighbours_holds_its_equation() -> None:
 
 
 def test_masses_without_states_are_refused() -> None:
-    states = _states(bnes_chain(2))
-    with pytest.raises(IdentificationError, match=r"no states of m3; there are states of m1, m2"):
+    states = _states(lw.bnes_chain(2))
+    with pytest.raises(lw.IdentificationError, match=r"no states of m3; there are states of m1, m2"):
         monomial_equations(states, 3, columns_of=("m1", "m3"))
-    with pytest.raises(IdentificationError, match="no mass was chosen; there are states of"):
+    with pytest.raises(lw.IdentificationError, match="no mass was chosen; there are states of"):
         monomial_equations(states, 3, equations_of=())
-    with pytest.raises(RecordError, match="mass m3 of the structure has no channel"):
-        link_columns(states, bnes_chain(4).unknown("nes"))
+    with pytest.raises(lw.RecordError, match="mass m3 of the structure has no channel"):
+        link_columns(states, lw.bnes_chain(4).unknown("nes"))
 
 
 @pytest.mark.parametrize("which", [("nes",), ("all",), ("all", "mass:m2"), ("spring1.k", "nes2.beta")])
 def test_the_links_of_the_chain_come_back_exactly(which: tuple[str, ...]) -> None:
-    chain = bnes_chain(4)
+    chain = lw.bnes_chain(4)
     unknown = chain.unknown(*which)
     equations = link_columns(_states(chain), unknown)
     assert equations.names == tuple(parameter.name for parameter in unknown.parameters)
@@ -105,21 +103,21 @@ def test_a_known_nonlinear_coefficient_is_no_obstacle_and_an_unknown_one_is() ->
     fit = LeastSquares().fit(link_columns(states, friction.unknown("spring.k", "spring.F")))
     assert fit.terms("force")["spring.F"] == pytest.approx(0.2, rel=SAME)
     message = r"k\*d \+ F\*tanh\(v/s\) of link spring is not linear in its unknown .*ml"
-    with pytest.raises(IdentificationError, match=message):
+    with pytest.raises(lw.IdentificationError, match=message):
         link_columns(states, friction.unknown("all"))
 
 
 def test_what_cannot_be_identified_is_refused() -> None:
-    chain = bnes_chain(2)
+    chain = lw.bnes_chain(2)
     states = _states(chain)
     message = r"every coefficient of .* is known: there is nothing to identify"
-    with pytest.raises(IdentificationError, match=message):
+    with pytest.raises(lw.IdentificationError, match=message):
         link_columns(states, chain)
-    with pytest.raises(IdentificationError, match="nothing sets their scale"):
+    with pytest.raises(lw.IdentificationError, match="nothing sets their scale"):
         link_columns(states, chain.unknown("all", "mass:m1", "mass:m2"))
     alone = replace(states, masses=("m1", "q"))
     message = r"mass m2 of the structure has no channel, .* there are states of m1, q"
-    with pytest.raises(RecordError, match=message):
+    with pytest.raises(lw.RecordError, match=message):
         link_columns(alone, chain.unknown("all"))
 
 
@@ -127,5 +125,5 @@ def test_link_columns_beyond_memory_say_how_large_they_are() -> None:
     long = np.broadcast_to(0.0, (10**8, 2))
     states = States(long[:, 0], ("m1", "m2"), long, long, long, long)
     message = r"5 unknowns over 2 masses and 100000000 samples are 8\.0 GB of columns; use the weak form"
-    with pytest.raises(IdentificationError, match=message):
-        link_columns(states, bnes_chain(2).unknown("all"))
+    with pytest.raises(lw.IdentificationError, match=message):
+        link_columns(states, lw.bnes_chain(2).unknown("all"))

@@ -98,12 +98,6 @@ def test_tables_make_methods_and_documents_make_them_again() -> None:
     )
     assert study.methods[5].name == "sindy, monomials"
     documents = [study.method(method.name).document() for method in study.methods]
-    assert [each["kind"] for each in documents] == [
-        "discover",
-        "discover",
-        "sindy",
-        "sindy",
-        "pysindy",
-        "sindy",
-    ]
+    kinds = " ".join(each["kind"] for each in documents)
+    assert kinds == "discover discover sindy sindy pysindy sindy"
     assert "threshold" not in documents[5] and documents[3]["threshold"] == 0.05

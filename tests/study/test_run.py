@@ -13,16 +13,15 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.progress import silent
-from linkwise.study.runner import StudyProgress, run
+from linkwise.study.runner import run
 from linkwise.study.store import open_store
-from linkwise.study.subject import Case
 from linkwise.study.workers import CaseBatch, CaseResult, Executor, FailureKind, ProcessExecutor, run_batch
 
 
 @pytest.mark.slow
 def test_the_rows_are_those_of_the_library(small_folder: Path) -> None:
     by_case = {row.case: row for row in lw.study.read_rows(small_folder)}
-    row = by_case[Case("bnes4", 20.0, "ml", 1001)]
+    row = by_case[lw.study.Case("bnes4", 20.0, "ml", 1001)]
     chain = lw.bnes_chain(4)
     clean = chain_record(4, duration=0.5, speed=3.0 * (1.0 + 1e-10))  # the second cycle
     fit = lw.identify(clean.with_noise(20.0, seed=1001), chain.unknown("all"))
@@ -33,7 +32,7 @@ def test_the_rows_are_those_of_the_library(small_folder: Path) -> None:
     assert row.standard_errors["nes1.c"] == pytest.approx(fit.coefficient("nes1.c").standard_error, rel=1e-8)
     assert row.status == "converged" and row.reason == "" and row.seconds > 0.0 and row.masses == 4
 
-    row = by_case[Case("bnes2", 40.0, "classical, states", 1001)]
+    row = by_case[lw.study.Case("bnes2", 40.0, "classical, states", 1001)]
     chain = lw.bnes_chain(2)
     clean = chain_record(2, duration=0.5, sensors=("x", "v", "a"))
     states = lw.sindy.noisy_states(clean, "states", 40.0, seed=1001)
@@ -62,7 +61,7 @@ def run_by(executor: Executor, study: lw.study.Study, folder: Path) -> list[lw.s
 def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
     small_folder: Path, study: lw.study.Study, tmp_path: Path
 ) -> None:
-    reports: list[StudyProgress] = []
+    reports: list[lw.study.StudyProgress] = []
     rows = lw.study.run_study(
         study, tmp_path / "out", workers=2, progress=lambda report: reports.append(report.detail)
     )
@@ -81,7 +80,7 @@ def test_a_worker_that_dies_loses_a_batch(small_folder: Path, study: lw.study.St
     assert sum(unlucky in batch for batch in executor.batches) == 3
     assert executor.batches[-2] == (unlucky,)  # alone, once it was under suspicion
 
-    deadly = Case("bnes2", 20.0, "ml", 1001)
+    deadly = lw.study.Case("bnes2", 20.0, "ml", 1001)
     rows = run_by(Here(1, {deadly: 99}, known=known), study, tmp_path / "always")
     (row,) = (row for row in rows if row.failed)
     assert row.case == deadly
@@ -105,7 +104,7 @@ class Replaying(concurrent.futures.Executor):
 
     def __init__(self, rows: Sequence[lw.study.Row]) -> None:
         self.rows = {row.case: row for row in rows}
-        self.ran: list[Case] = []
+        self.ran: list[lw.study.Case] = []
 
     def submit(self, function: Callable[..., Any], /, batch: CaseBatch) -> Future[Any]:  # type: ignore[override]
         assert function is run_batch
@@ -159,7 +158,7 @@ class Gone(Executor):
 
 
 def test_infinite_answers_are_no_answers(study: lw.study.Study, monkeypatch: pytest.MonkeyPatch) -> None:
-    case = Case("bnes2", 20.0, "weak", 1000)
+    case = lw.study.Case("bnes2", 20.0, "weak", 1000)
     monkeypatch.setattr("linkwise.study.methods.nmse", lambda *given: float("nan"))
     (done,) = run_batch(CaseBatch(study.text(), (case,)))
     assert done.row.failed and done.row.reason == "the answer is not finite."
@@ -174,14 +173,14 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
 ) -> None:
     """And nothing else: not what had an answer."""
     answered = list(lw.study.read_rows(small_folder))
-    pushed = Case("bnes2", 20.0, "ml", 1001)
+    pushed = lw.study.Case("bnes2", 20.0, "ml", 1001)
     with monkeypatch.context() as broken:
         broken.setattr("linkwise.study.methods.nmse", lambda *given: 1 / 0)  # of weak and ml
         known = [row for row in answered if row.structure == "bnes4" or row.method.startswith("classical")]
         before = run_by(Here(1, {pushed: 3}, known=known), study, tmp_path / "out")
     faulty = {row.case for row in before if "ZeroDivisionError" in row.reason} | {pushed}
     assert len(faulty) == len(study) // 3 and {row.case for row in before if row.failed} == faulty
-    reports: list[StudyProgress] = []
+    reports: list[lw.study.StudyProgress] = []
     with open_store(tmp_path / "out", study) as store, Here(known=answered) as executor:
         assert store.done() == set(study.cases()) - faulty
         run(study, tuple(study.cases()), store, executor, lambda report: reports.append(report.detail))
@@ -194,7 +193,7 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
 @pytest.mark.slow
 def test_a_process_that_is_killed_takes_one_batch_with_it(study: lw.study.Study) -> None:
     """The one that it was at; the next one, which it had already, can be told from that."""
-    case = Case("bnes4", 20.0, "ml", 1000)
+    case = lw.study.Case("bnes4", 20.0, "ml", 1000)
     with ProcessExecutor(1) as executor:
         assert executor.slots == 2
         (first,) = executor.submit(CaseBatch(study.text(), (case,))).result()
@@ -260,7 +259,7 @@ def test_links_with_memory_and_rigs_are_studied(tmp_path: Path) -> None:
         subject = study.subject(name)
         clean = subject.simulate()
         fit = lw.identify(subject.measured(clean).with_noise(40.0, seed=31), subject.stated_structure(31))
-        row = next(row for row in rows if row.case == Case(name, 40.0, "ml", 31))
+        row = next(row for row in rows if row.case == lw.study.Case(name, 40.0, "ml", 31))
         true = subject.true_structure.link(link)
         assert row.links == pytest.approx({link: lw.nmse(true, fit.structure.link(link), clean)}, rel=1e-8)
         assert row.status == "converged" and set(row.standard_errors) == {p.name for p in fit.parameters}

@@ -1,11 +1,10 @@
 """Studies that are interrupted leave what can be gone on with; the benchmark kills one thirty times."""
 
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import python
 from coordinator import PATIENCE, alive, rows, start, strike, wait_for_rows, workers
 from small_study import small
 
@@ -38,8 +37,6 @@ def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
     script.write_text(
         f"import linkwise as lw\nlw.study.run_study({str(file)!r}, {str(tmp_path / 'out')!r}, workers=1)\n"
     )
-    result = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=PATIENCE
-    )
+    result = python(str(script), timeout=PATIENCE)
     assert result.returncode == 1
     assert 'run the study under `if __name__ == "__main__":`' in result.stderr

@@ -1,11 +1,11 @@
 """Answers of the weak form are judged by the likelihood: what follows the motion is named, and not trusted."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from problems import chain_record
+from record_faults import changed
 from structures import oscillator, row_of_masses
 
 import linkwise as lw
@@ -19,10 +19,7 @@ Change = Callable[[np.ndarray, lw.Record], np.ndarray]
 def faulty(change: Change, snr_db: float, clean: lw.Record | None = None, channel: str = "x:m2") -> lw.Record:
     """The record of the two-mass chain with a channel changed before noise is added."""
     clean = chain_record(2) if clean is None else clean
-    values = clean.values.copy()
-    column = clean.channels.index(channel)
-    values[:, column] = change(values[:, column], clean)
-    return replace(clean, values=values, simulated=None).with_noise(snr_db, seed=41)
+    return changed(clean, **{channel: change(clean.channel(channel), clean)}).with_noise(snr_db, seed=41)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from present import some
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.model.law import Law
 from linkwise.weak.weak_form import WeakLaw, weak_law
 
 S = 0.3
@@ -34,7 +33,7 @@ def chains(weak: WeakLaw, d: np.ndarray, variance: float, **values: float) -> li
 )
 def test_powers_are_hermite_polynomials(power: int, hermite: Callable[[np.ndarray], np.ndarray]) -> None:
     d = np.linspace(-2.0, 2.0, 9)
-    [[unbiased, slope, *_]] = chains(weak_law(Law.parse(f"k*d**{power}"), frozenset()), d, S**2)
+    [[unbiased, slope, *_]] = chains(weak_law(lw.Law.parse(f"k*d**{power}"), frozenset()), d, S**2)
     assert unbiased == pytest.approx(hermite(d), abs=1e-12)
     step = 1e-5  # central difference of a polynomial with third derivatives up to 240: 4e-9, and some twenty times
     assert slope == pytest.approx((hermite(d + step) - hermite(d - step)) / (2 * step), abs=1e-7)
@@ -44,7 +43,7 @@ def test_other_functions_lose_their_bias_to_second_order() -> None:
     """E h(d + e) = g(d) to s^4: for cos both sides are known, exp(-s^2/2) (1 + s^2/2) cos d = (1 - s^4/8 + ...) cos d."""
     d = np.linspace(-1.0, 1.0, 5)
     for s in (0.2, 0.1):
-        [[unbiased, *_]] = chains(weak_law(Law.parse("F*cos(d)"), frozenset()), d, s**2)
+        [[unbiased, *_]] = chains(weak_law(lw.Law.parse("F*cos(d)"), frozenset()), d, s**2)
         expectation = np.exp(-(s**2) / 2) * unbiased
         assert expectation == pytest.approx(np.cos(d), rel=s**4 / 8 * 1.1)
 
@@ -52,7 +51,7 @@ def test_other_functions_lose_their_bias_to_second_order() -> None:
 def test_without_correction_the_cube_is_biased() -> None:
     """The check that the check above can fail: over noise the plain cube is off by 3 s^2 d, the corrected one is not."""
     noisy = 1.0 + S * np.random.default_rng(0).normal(size=400_000)
-    [[unbiased, *_]] = chains(weak_law(Law.parse("k*d**3"), frozenset()), noisy, S**2)
+    [[unbiased, *_]] = chains(weak_law(lw.Law.parse("k*d**3"), frozenset()), noisy, S**2)
     standard = np.std(unbiased) / np.sqrt(len(noisy))
     assert abs(unbiased.mean() - 1.0) < 4 * standard
     assert np.mean(noisy**3) - 1.0 > 50 * standard
@@ -80,12 +79,3 @@ def test_without_noise_the_answer_is_exact_and_trusted() -> None:
     assert fit.trusted
     for name, value in some(true_values(chain).items()):
         assert fit.coefficient(name).value == pytest.approx(value, rel=1e-5)
-
-
-@pytest.mark.slow
-def test_two_ways_agree_on_a_record_without_noise() -> None:
-    """The weak form against columns over measured velocities and accelerations: no step in common but the laws."""
-    chain = lw.bnes_chain(2)
-    record = chain_record(2, duration=3.0, sensors=("x", "v", "a"))
-    weak, columns = (lw.identify(record, chain.unknown("all"), method=method) for method in ("weak", "sindy"))
-    assert weak.values == pytest.approx(columns.values, rel=1e-5)

@@ -4,13 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import said
 from present import some
 from rigs import MOTION, hysteretic, measured, rig, run
 from structures import named, structure
 
 import linkwise as lw
-from linkwise.cli import linkwise as command
 
 
 @pytest.fixture(scope="module")
@@ -74,15 +73,9 @@ def test_a_state_that_the_start_does_not_show_is_as_uncertain_as_it_is_large() -
 def test_from_files_to_a_prediction(tmp_path: Path, record: lw.Record) -> None:
     lw.write_record(record, tmp_path / "run.csv")
     lw.write_structure(hysteretic().unknown("damper"), tmp_path / "rig.toml")
-    runner = CliRunner()
-    run_file, rig_file, answer, validation = (
-        str(tmp_path / name) for name in ("run.csv", "rig.toml", "answer", "validation")
-    )
-    identified = runner.invoke(command, ["identify", run_file, rig_file, "--to", "5", "-o", answer])
-    assert identified.exit_code == 0, identified.output
+    said(f"identify {tmp_path}/run.csv {tmp_path}/rig.toml --to 5 -o {tmp_path}/answer")
     files = {"report.html", "result.json", "structure.toml", "force_damper.csv", "force_damper.png"}
-    assert files <= {path.name for path in Path(answer).iterdir()}
-    validated = runner.invoke(command, ["validate", run_file, answer, "--from", "5", "-o", validation])
-    assert validated.exit_code == 0 and "The prediction agrees" in validated.output
-    shown = runner.invoke(command, ["structure", "show", str(tmp_path / "answer" / "structure.toml")])
-    assert shown.exit_code == 0 and "damper" in shown.output
+    assert files <= {path.name for path in (tmp_path / "answer").iterdir()}
+    validated = said(f"validate {tmp_path}/run.csv {tmp_path}/answer --from 5 -o {tmp_path}/validation")
+    assert "The prediction agrees" in validated.out
+    assert "damper" in said(f"structure show {tmp_path}/answer/structure.toml").out

@@ -1,17 +1,16 @@
 """Validation by an answer that found errors of sensors: they are taken out of the record that it is compared with."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from present import some
+from record_faults import changed, without
 from structures import THREE_TONES, duffing
 
 import linkwise as lw
-from linkwise.estimates.causes import Cause
 from linkwise.identification.validated_answer import without_exchanges
 
 pytestmark = pytest.mark.usefixtures("unrendered")
@@ -22,11 +21,7 @@ def shown(seed: int, *, offset: float = 0.0, gain: float = 1.0, late: int = 0) -
     """A forced motion by a displacement with these errors, `late` in samples, and an acceleration without."""
     record = lw.simulate(duffing(), forces=THREE_TONES, duration=3.0, rate=RATE, sensors=("x", "a"))
     record = record.with_noise(40.0, seed=seed)
-    values = record.values.copy()
-    column = record.channels.index("x:m1")
-    values[late:, column] = values[: len(values) - late, column]
-    values[:, column] = gain * values[:, column] + offset
-    return replace(record, values=values, simulated=None)[late:]
+    return changed(record, x_m1=lambda x: gain * np.roll(x, late) + offset)[late:]
 
 
 @pytest.mark.slow
@@ -50,9 +45,7 @@ def test_errors_of_sensors_that_the_answer_found_are_taken_out(kinds: str) -> No
         assert score.noise <= score.expected < 1.2 * score.noise  # the answer leaves little beside the noise
     assert not lw.validate(other, answer.structure).trusted
     if kinds == "delay":  # which stays in where samples are missing
-        values = other.values.copy()
-        values[700, other.channels.index("x:m1")] = float("nan")
-        gap = lw.validate(replace(other, values=values), answer)
+        gap = lw.validate(without(other, x_m1=700), answer)
         stays = "The delay of x:m1 that the answer found was not removed"
         assert not gap.trusted and any(remark.startswith(stays) for remark in gap.remarks)
 
@@ -104,6 +97,6 @@ def test_what_is_corrected_must_be_an_error_of_a_channel(corrected: dict[str, li
 @pytest.mark.parametrize(("kind", "where"), [("sign", "x:m2"), ("swapped", "x:m1"), ("relative", "x:m1")])
 def test_an_exchange_of_channels_that_the_record_lacks_is_not_taken_out(kind: str, where: str) -> None:
     record = shown(3)
-    cause = Cause(kind, where, 0.0, "1", 0.0, 0.0, source="x:m2" if kind == "swapped" else "")
+    cause = lw.estimates.Cause(kind, where, 0.0, "1", 0.0, 0.0, source="x:m2" if kind == "swapped" else "")
     kept, remarks = without_exchanges(record, [cause])
     assert not remarks and np.array_equal(kept.values, record.values)

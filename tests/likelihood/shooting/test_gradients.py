@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from present import present, some
 from problems import chain_record, rubbing_trio, truth
+from record_faults import without
 from scipy.stats import norm
 from structures import (
     CANTILEVER,
@@ -57,9 +58,8 @@ def records(three: lw.Structure) -> list[lw.Record]:
         return record.select(CHANNELS)
 
     first, second = hit(1000.0, 5 * FIRST - 2, {"v:m1": 1.0}), hit(1250.0, 5 * SECOND, {"x:m3": 0.01})
-    values = first.values.copy()
-    values[20:27, 0] = np.nan
-    return [replace(first, values=values), second]
+    gap = replace(without(first, x_m1=slice(20, 27)), simulated=first.simulated)
+    return [gap, second]
 
 
 @pytest.fixture(scope="module")

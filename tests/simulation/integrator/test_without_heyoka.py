@@ -14,10 +14,8 @@ from structures import oscillator
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.model.chains import bnes_chain
 from linkwise.simulation.integrator.dop853 import ScipySystem
 from linkwise.simulation.integrator.formulas import CompiledSystem, SystemShape
-from linkwise.simulation.simulate import simulate
 
 LAWS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
     ("k*d + c*v + k3*d**3", {"k": 90.0, "c": 0.3, "k3": 500.0}, {}),
@@ -140,8 +138,8 @@ def departure(folder: Path, n: int, **changes: float) -> Floats:
     """Largest error of each channel over the whole file, relative to the largest value of the channel."""
     table = np.loadtxt(folder / f"bnes_{n}.csv", delimiter=",", skiprows=1)
     rows = np.rint(1000.0 * table[:, 0]).astype(int)
-    chain, release = bnes_chain(n, **changes), {"v:m1": paper_speed(n)}
-    record = simulate(chain, release=release, duration=table[-1, 0], rate=1000.0)
+    chain, release = lw.bnes_chain(n, **changes), {"v:m1": paper_speed(n)}
+    record = lw.simulate(chain, release=release, duration=table[-1, 0], rate=1000.0)
     assert record.channels == tuple(f"x:m{i + 1}" for i in range(n))
     worst: Floats = np.abs(record.values[rows] - table[:, 1:]).max(axis=0)
     size: Floats = np.abs(table[:, 1:]).max(axis=0)
