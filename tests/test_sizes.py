@@ -8,32 +8,32 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35645  # lines of all files of tests
+TESTS = 34816  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (11, 2177),
+    "absorption": (11, 2026),
     "analysis": (4, 482),
-    "cli": (21, 1840),
-    "discovery": (19, 3443),
-    "estimates": (8, 1455),
-    "export": (9, 772),
-    "expression": (6, 1068),
-    "files": (14, 1941),
-    "identification": (12, 2392),
-    "inspection": (9, 1879),
-    "likelihood": (64, 13798),
+    "cli": (20, 1841),
+    "discovery": (19, 3294),
+    "estimates": (8, 1463),
+    "export": (8, 723),
+    "expression": (6, 1045),
+    "files": (14, 1940),
+    "identification": (12, 2376),
+    "inspection": (9, 1846),
+    "likelihood": (64, 13600),
     "modal": (5, 840),
-    "model": (16, 2963),
+    "model": (16, 2965),
     "paper": (3, 358),
-    "plot": (12, 1806),
-    "records": (9, 1450),
-    "report": (11, 1030),
-    "response": (13, 1831),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (11, 939),
-    "signals": (6, 837),
-    "simulation": (9, 1599),
-    "sindy": (8, 1063),
+    "plot": (12, 1795),
+    "records": (9, 1445),
+    "report": (12, 1030),
+    "response": (13, 1819),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "root": (12, 955),
+    "signals": (6, 834),
+    "simulation": (9, 1589),
+    "sindy": (8, 1008),
     "study": (8, 1398),
     "weak": (8, 1691),
 }
