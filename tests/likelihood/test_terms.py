@@ -212,7 +212,9 @@ def test_an_error_that_laws_may_stand_for_is_a_second_answer(kind: str, size: fl
     shown = values[:, column]
     form = clean.time / clean.duration if kind == "gain drift" else (shown / np.abs(shown).max()) ** 2
     values[:, column] = shown * (1.0 + size * form)
-    fit = lw.identify(replace(clean, values=values, simulated=None).with_noise(50.0, seed=2), ASKED)
+    fit = lw.identify(
+        replace(clean, values=values, simulated=None).with_noise(50.0, seed=2), PAIR.unknown("all")
+    )
     assert not fit.trusted and (fit.diagnosis[0].kind, fit.diagnosis[0].where) == (kind, "x:m2")
     beside = present(fit.alternative)
     [error] = beside.sensor_errors

@@ -21,7 +21,7 @@ from linkwise.discovery.prediction import BlockParabolas, block_parabolas
 from linkwise.discovery.result import PathPoint
 from linkwise.discovery.selection import Rounds, Selection, Start, TermSearch, starts_of
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.fit import LikelihoodFit, with_values
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.search import block_scatter
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
@@ -90,7 +90,7 @@ class MarginalRounds(Rounds):
         tested = np.flatnonzero(np.isfinite(deviations)).tolist()
         slopes = determinant_slopes(
             fit.optimum,
-            with_values(structure, fit),
+            structure.with_values(fit.by_name),
             [force.where.removeprefix("force:") for force in fit.random_forces],
             [(forces[place], float(deviations[place])) for place in tested],
         )
