@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, combinations, permutations
+from typing import Any
 
 import numpy as np
 
@@ -171,6 +172,19 @@ class Added:
         return Added(self.error, forces, samples, self.unit or 1.0 / scale)
 
 
+_Columns = list[tuple[int, Any, Floats | Single]]
+"""The number of what owns each, its place, and its values (N, K)."""
+
+
+def _beside_each_other(columns: _Columns, kind: type) -> Floats:
+    """(N, c, K) values of columns, each released once it stands there: those of a long record are most of the memory."""
+    (*_, first), count = columns[0], len(columns)
+    beside: Floats = np.empty((len(first), count, first.shape[1]), kind)
+    for number in reversed(range(count)):
+        beside[:, number] = columns.pop()[-1]
+    return beside
+
+
 @dataclass(frozen=True, eq=False)
 class TestedColumns:
     """h `hypotheses`, the `units` (h,) of their scaled sizes, and the columns of f candidate `forces` and e sensor `errors`.
@@ -189,20 +203,22 @@ class TestedColumns:
     @classmethod
     def of(cls, every: Iterable[Added]) -> TestedColumns:
         """What errors add in their units; without those that add nothing."""
-        added = [one.scaled for one in every if one.scale > 0.0]
-        forces = [(k, *force) for k, one in enumerate(added) for force in one.forces]
-        samples = [(k, *shown) for k, one in enumerate(added) for shown in one.samples]
+        hypotheses, units = [], []
+        forces: _Columns = []
+        samples: _Columns = []
+        for k, one in enumerate(one.scaled for one in every if one.scale > 0.0):
+            hypotheses.append(one.error)
+            units.append(one.unit)
+            forces += [(k, ends, values) for *ends, values in one.forces]
+            samples += [(k, channel, values) for channel, values in one.samples]
+        owners = [owner for owner, *_ in (*forces, *samples)]
+        ends, channels = (np.array([place for _, place, _ in columns]) for columns in (forces, samples))
         candidates, errors = None, None
         if forces:
-            ends = np.array([places for _, *places, _ in forces])
-            along = np.asarray(np.stack([values for *_, values in forces], axis=1), np.float32)
-            candidates = CandidateForces(ends[:, 0], ends[:, 1], along)
+            candidates = CandidateForces(ends[:, 0], ends[:, 1], _beside_each_other(forces, np.float32))
         if samples:
-            values = np.stack([values for *_, values in samples], axis=1)
-            errors = SensorErrors(np.array([channel for _, channel, _ in samples]), values)
-        units = np.array([one.unit for one in added])
-        owners = [*(force[0] for force in forces), *(shown[0] for shown in samples)]
-        return cls([one.error for one in added], units, candidates, errors, owners)
+            errors = SensorErrors(channels, _beside_each_other(samples, float))
+        return cls(hypotheses, np.array(units), candidates, errors, owners)
 
     @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite; results are checked
     def quadratic(self, optimum: Optimum, blocks: int = 1) -> Quadratic:

@@ -434,11 +434,11 @@ def tested_causes(
         errors = (inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
     if fit.random_forces:
         lacking = [each for each in lacking if each[0].term not in _NO_SLOPE]
-    others = list(beside(optimum)) if beside and errors else []
-    columns = TestedColumns.of(chain(terms_along(motion, lacking), *errors, others))
+    lines = beside(optimum) if beside and errors else ()  # which have no place, and come last
+    columns = TestedColumns.of(chain(terms_along(motion, lacking), *errors, lines))
     whole = columns.quadratic(optimum, blocks_in(optimum.segments, fit.segments))
-    unknowns, h = np.arange(len(whole.slope)), len(columns.hypotheses) - len(others)
-    p = len(unknowns) - len(columns.hypotheses)
+    unknowns, h = np.arange(len(whole.slope)), sum(bool(one.where) for one in columns.hypotheses)
+    p, others = len(unknowns) - len(columns.hypotheses), h < len(columns.hypotheses)
     quadratic = whole.within(unknowns[: p + h]) if others else whole
     if fit.random_forces:
         quadratic = _with_determinants(quadratic, fit, identified, lacking, columns, channels)
