@@ -191,9 +191,7 @@ class Lines:
         loose = fit.model_error > 0.0 and not fit.random_forces
         is_short = fit.segments.count * structure.size <= _LONGEST
         going_on = _lines_of_motion(records) if loose and is_short else []
-        refined = [_refined(fit, structure, records, line) for line in going_on]
-        there = [line.frequency for line in found]  # by which a hum of a sensor is told from a force
-        found += [line for line in refined if all(abs(line.frequency - one) > width for one in there)]
+        found += [_refined(fit, structure, records, line) for line in going_on]
         lines = [line for line in found if all(abs(line.frequency - one) > width for one in known)]
         exact, every = _is_exact(fit), range(structure.size)
         forces = [
@@ -235,12 +233,16 @@ class Lines:
         information, score, _ = _eliminated(fit, beside)
         gains, sizes = _each_alone(information, score, 2 * len(records))
         width = 1.0 / max(record.duration for record in records)
+        likeliest = []
         for line in self.lines:
             of_forces = [k for k, force in enumerate(self.forces) if force.frequency == line.frequency]
             of_hums = [len(self.forces) + k for k, hum in enumerate(self.hums) if hum[0] == line.frequency]
-            best = max(of_forces + of_hums, key=lambda k: gains[k])
-            if gains[best] <= limit:
+            likeliest.append((max(of_forces + of_hums, key=lambda k: gains[k]), line))
+        told: list[float] = []
+        for best, line in sorted(likeliest, key=lambda one: -gains[one[0]]):
+            if gains[best] <= limit or any(abs(line.frequency - hz) < width for hz in told):
                 continue
+            told.append(line.frequency)
             gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
             if best < len(self.forces):
                 force = self.forces[best]
