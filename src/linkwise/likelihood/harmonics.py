@@ -30,6 +30,7 @@ from linkwise.likelihood.terms import Hum, of_kind
 from linkwise.likelihood.tests.columns import Added, TestedColumns
 from linkwise.likelihood.tests.diagnosis import TestedCauses, in_longer_segments
 from linkwise.likelihood.tests.score_test import Hypothesis, Quadratic, augmented_quadratic
+from linkwise.likelihood.tests.variances import at_once
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -40,6 +41,7 @@ _SETTLED = 0.1  # standard errors, by which a step changes its unknowns
 _STEP = 0.25  # of a line's width, one over the duration, between frequencies that are tried
 # frequencies on each side of a line of the motion, and the part of its width between them: on all masses, then on one
 _NEARBY = ((4, 0.5), (8, 0.06))
+_LONGEST = 40_000  # segments times masses of a fit, beyond which these take longer than some seconds
 _AROUND = 8  # such steps on each side of a frequency that is stated
 _LINES, _OF_MOTION = 4, 2  # in what a fit leaves that are tested, and in the motion itself
 _NEIGHBOURS = 61  # steps over which the level around a line is found
@@ -186,7 +188,9 @@ class Lines:
         known = [force.frequency for force in fit.options.harmonics]
         known += [hum.frequency for hum in of_kind(fit.options.errors, Hum)]
         width = 1.0 / records[0].duration
-        going_on = _lines_of_motion(records) if fit.model_error > 0.0 and not fit.random_forces else []
+        loose = fit.model_error > 0.0 and not fit.random_forces
+        is_short = fit.segments.count * structure.size <= _LONGEST
+        going_on = _lines_of_motion(records) if loose and is_short else []
         found += [_refined(fit, structure, records, line) for line in going_on]
         lines = [line for line in found if all(abs(line.frequency - one) > width for one in known)]
         exact, names, responses = _is_exact(fit), structure.mass_names, records[0].responses
@@ -228,12 +232,16 @@ class Lines:
         information, score, _ = _eliminated(fit, beside)
         gains, sizes = _each_alone(information, score, 2 * len(records))
         width = 1.0 / max(record.duration for record in records)
+        likeliest = []
         for line in self.lines:
             of_forces = [k for k, force in enumerate(self.forces) if force.frequency == line.frequency]
             of_hums = [len(self.forces) + k for k, hum in enumerate(self.hums) if hum[0] == line.frequency]
-            best = max(of_forces + of_hums, key=lambda k: gains[k])
-            if gains[best] <= limit:
+            likeliest.append((max(of_forces + of_hums, key=lambda k: gains[k]), line))
+        told: list[float] = []
+        for best, line in sorted(likeliest, key=lambda one: -gains[one[0]]):
+            if gains[best] <= limit or any(abs(line.frequency - hz) < width for hz in told):
                 continue
+            told.append(line.frequency)
             gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
             if best < len(self.forces):
                 force = self.forces[best]
@@ -331,8 +339,10 @@ def _refined(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]
         near = frequency + spacing * width * np.arange(-steps, steps + 1)
         tried = [HarmonicForce.on(mass, float(hz), structure) for mass in masses for hz in near]
         try:
-            unknowns = _Unknowns.of(fit, fit.optimum, records, tried)
-            gains, _ = _each_alone(unknowns.information, unknowns.score, 2 * len(records))
+            parts = at_once(len(tried), 4 * fit.optimum.segments.samples[:, 0].size * len(records))
+            unknowns = (_Unknowns.of(fit, fit.optimum, records, tried[part]) for part in parts)
+            alone = (_each_alone(some.information, some.score, 2 * len(records)) for some in unknowns)
+            gains = np.concatenate([gains for gains, _ in alone])
         except np.linalg.LinAlgError:
             return line
         best = tried[int(np.argmax(gains))]
