@@ -190,7 +190,7 @@ class Lines:
             channels = line.channels if exact else range(len(responses))
             places = [responses[channel].place for channel in line.channels]
             shown = [names[mass] for mass in line.masses] or [name for name in names if name in places]
-            masses = (exact and shown) or names
+            masses = shown if exact and shown else names
             forces += [HarmonicForce.on(name, line.frequency, structure) for name in masses]
             hums += [(line.frequency, channel) for channel in channels]
         return cls(fit, records, lines, looked_at, forces, hums) if lines else None
