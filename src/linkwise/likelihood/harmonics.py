@@ -13,6 +13,7 @@ from itertools import islice
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import uniform_filter1d
 
 from linkwise.arrays import Floats, Indices
 from linkwise.display import near_miss
@@ -199,7 +200,7 @@ class Lines:
             channels = line.channels if exact else range(len(responses))
             places = [responses[channel].place for channel in line.channels]
             shown = [names[mass] for mass in line.masses] or [name for name in names if name in places]
-            masses = (exact and shown) or names
+            masses = shown if exact and shown else names
             forces += [HarmonicForce.on(name, line.frequency, structure) for name in masses]
             hums += [(line.frequency, channel) for channel in channels]
         return cls(fit, records, lines, looked_at, forces, hums) if lines else None
@@ -368,9 +369,8 @@ def _highest(found: Floats, duration: float) -> Iterator[_Line]:
 
 def _above_level(power: Floats) -> tuple[Indices, Indices, Floats]:
     """Where powers (R, F) are far above their mean, and how far above the median of their neighbours."""
+    rows, at = np.nonzero(power > _SCREENED * uniform_filter1d(power, _NEIGHBOURS, mode="nearest"))
     padded = np.pad(power, ((0, 0), (_NEIGHBOURS // 2, _NEIGHBOURS // 2)), mode="edge")
-    near = np.full(_NEIGHBOURS, _SCREENED / _NEIGHBOURS)
-    rows, at = np.nonzero(power > np.stack([np.convolve(row, near, "valid") for row in padded]))
     around = sliding_window_view(padded, _NEIGHBOURS, axis=1)[rows, at]
     level = np.partition(around, _NEIGHBOURS // 2, axis=1)[:, _NEIGHBOURS // 2]
     return rows, at, power[rows, at] / np.maximum(level, np.finfo(float).tiny)
