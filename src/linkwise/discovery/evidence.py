@@ -133,7 +133,7 @@ def term_evidence(
     add the variances `added` (p,) to the parameters.
     """
     candidates, count = selection.candidates, len(selection.inside)
-    turning = {*candidates.rotations}
+    turning = {*selection.structure.rotations}
     single = (move for move in selection.neighbours if not move.exchanges)
     margins = {move.added if move.dropped is None else move.dropped: -move.gain for move in single}
     ambiguous = _ambiguous_masses(selection, checks)
