@@ -103,11 +103,6 @@ class Candidates:
         return (*points, *(mass.name for mass in self.masses))
 
     @cached_property
-    def rotations(self) -> tuple[str, ...]:
-        """The points and masses that turn."""
-        return rotations_of(self.hosts, self.masses)
-
-    @cached_property
     def entries(self) -> tuple[CandidateTerm, ...]:
         """The candidates, pair by pair, in the order of `terms`."""
         entries = []
@@ -451,16 +446,17 @@ class DiscoveryOptions(AskedFor):
 
     def __post_init__(self) -> None:
         terms = self.terms if isinstance(self.terms, str) else tuple(self.terms)
-        object.__setattr__(self, "terms", terms)
+        # copies, so that the options stay as they were stated; what is neither a list nor a table is refused where it is used
+        own: dict[str, object] = {"terms": terms}
         for name in ("offsets", "gains", "delays", "admit", "tested"):
             given = getattr(self, name) or ()
             expect(f"DiscoveryOptions: {name}", given, str, tuple, list)
-            object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
-        # copies, so that the options stay as they were stated; what is neither a list nor a table is refused where it is used
+            own[name] = (given,) if isinstance(given, str) else tuple(given)
         for name in ("calibration", "harmonics", "hums"):
-            object.__setattr__(self, name, dict(getattr(self, name) or {}))
+            own[name] = dict(getattr(self, name) or {})
         for name in ("ambient", "input_noise", "drifts", "corners", "clocks"):
             given = getattr(self, name) or ()
             given = dict(given) if isinstance(given, Mapping) else given
-            object.__setattr__(self, name, tuple(given) if isinstance(given, list) else given)
+            own[name] = tuple(given) if isinstance(given, list) else given
+        vars(self).update(own)
         parse_terms(terms, possible_signals(terms))  # raises what is wrong with them

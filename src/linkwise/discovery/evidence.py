@@ -133,7 +133,7 @@ def term_evidence(
     add the variances `added` (p,) to the parameters.
     """
     candidates, count = selection.candidates, len(selection.inside)
-    turning = {*candidates.rotations}
+    turning = {*selection.structure.rotations}
     single = (move for move in selection.neighbours if not move.exchanges)
     margins = {move.added if move.dropped is None else move.dropped: -move.gain for move in single}
     ambiguous = _ambiguous_masses(selection, checks)
@@ -175,14 +175,11 @@ def opposed_damping(selection: Selection) -> tuple[str, ...]:
     for k, entry in selection.entries.items():
         if k < len(selection.inside) and entry.offered.is_damping:
             damping.setdefault(entry.pair, []).append(k)
-    several = {pair: terms for pair, terms in damping.items() if len(terms) > 1}
-    opposed = {pair: terms for pair, terms in several.items() if min(solution.z[terms]) < -_NEGATIVE}
-    if not opposed:
-        return ()
-    motion = selection.link_motions()
-    covariance = selection.quadratic.covariance(selection.inside)
+    motion, covariance = selection.link_motions(), selection.quadratic.covariance(selection.inside)
     feeding = []
-    for pair, terms in opposed.items():
+    for pair, terms in damping.items():
+        if len(terms) == 1 or not min(solution.z[terms]) < -_NEGATIVE:  # NaN among them
+            continue
         d, v = (part.ravel() for part in motion[pairs[pair].name])
         laws = (selection.entries[k].term.law for k in terms)
         power = v * np.array([np.broadcast_to(law.force(d, v, {}), v.shape) for law in laws])

@@ -34,12 +34,10 @@ def tree_of_forces(records: Sequence[Record], candidates: Candidates) -> frozens
 
     Empty where a mass is unknown or has no sensor, or links are stated: forces of links do not follow from accelerations then.
     """
-    if any(mass.mass.value is None for mass in candidates.masses):
-        return frozenset()
-    if candidates.hosts or any(pair.stated for pair in candidates.pairs):
-        return frozenset()
     names = [mass.name for mass in candidates.masses]
-    if not all(record.motions_of(name) for record in records for name in names):
+    unknown = any(mass.mass.value is None for mass in candidates.masses)
+    stated = any(pair.stated for pair in candidates.pairs)
+    if unknown or stated or not all(record.motions_of(name) for record in records for name in names):
         return frozenset()
     supports = [end for end in (GROUND, BASE) if any(end in pair.between for pair in candidates.pairs)]
     motions = [_Motions.of(record, candidates, supports) for record in records]

@@ -1,11 +1,10 @@
 """Memory as a term: which link, if any, has states of its own, and by which named law.
 
-Where no selection of functions of d and v leaves only noise, or laws with memory were offered, the links of a skeleton are
-offered these laws one at a time: stated links, and the tree of the most significant others. Rough starting values on a piece
-of the record rank links and laws. The best law of the best links is fitted, then the other laws of the link that leaves least,
-and this link without memory, with usual forms of d and v in its place: their criteria are the evidence. A fit that stops at a
-ceiling gives a bound, since the cost only rises as the flow is tightened. From the best fit terms and links are selected as
-without memory.
+Where no selection of functions of d and v leaves only noise, or laws with memory were offered, the links that the screen shows
+and those stated are offered these laws one at a time. Rough starting values on a piece of the record rank links and laws. The
+best law of the best links is fitted, then the other laws of the link that leaves least, and this link without memory, with
+usual forms of d and v in its place: their criteria are the evidence. A fit that stops at a ceiling gives a bound, since the
+cost only rises as the flow is tightened. From the best fit terms and links are selected as without memory.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.result import MemoryEvidence
 from linkwise.discovery.rivals import link_rates
-from linkwise.discovery.screen import skeleton
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import (
     Selection,
@@ -217,12 +215,9 @@ def no_memory_remark(laws: Sequence[str]) -> str:
 def _ranked(
     search: TermSearch, screened: ScreenedRecords, laws: Sequence[str], records: Sequence[Record]
 ) -> list[_Hypothesis]:
-    """Every law on every link of the skeleton, those with the least misfit first."""
+    """Every law on every link that the screen shows, those with the least misfit first."""
     by_name = search.candidates.by_name
-    if search.candidates.hosts:
-        pairs = frozenset(by_name[name].pair for name in screened.first)
-    else:
-        pairs = skeleton(screened.measured, search.candidates) or search.candidates.stated_pairs
+    pairs = {by_name[name].pair for name in screened.first} | search.candidates.stated_pairs
     names = {name for name, entry in by_name.items() if entry.pair in pairs}
     linear = {name for name in names if by_name[name].term.text in _LINEAR}
     chosen = frozenset(linear | (names & screened.first))

@@ -596,38 +596,28 @@ def doubt_mark(discovery: Discovery, link: LinkEstimate) -> str:
 
 def unknown_rows(coefficients: Sequence[CoefficientEstimate]) -> Rows:
     """A row for every mass, or frequency and damping of a mode, that was not known exactly."""
-    return [
-        (each.name.removesuffix(".mass"), *_term_row(each, None, marked=False)[1:4], "", each.unit)
-        for each in coefficients
-        if not each.known
-    ]
+    return [_row(each, each.name.removesuffix(".mass"), "") for each in coefficients if not each.known]
 
 
 def term_rows(discovery: Discovery, link: LinkEstimate) -> Rows:
-    """A row for every coefficient of a link."""
-    evidence = {term.name: term for term in discovery.kept}
+    """A row for every coefficient of a link, with its margin, or what it belongs to if it was not tested."""
     inside = (each for each in link.coefficients if each.name.key in link.link.law.nonlinear)
-    without: dict[str, str] = {each.name: "of a term" for each in inside if not each.known}
-    without |= {name: "of memory" for law in discovery.memory for name in law.coefficients}
+    margins: dict[str, str] = {each.name: "of a term" for each in inside if not each.known}
+    margins |= {name: "of memory" for law in discovery.memory for name in law.coefficients}
+    margins |= {term.name: rough(term.margin) for term in discovery.kept}
     marked = admit_intervals(discovery.verdicts)
+    marks: dict[str, str] = {term.name: "  in doubt" for term in discovery.doubtful if marked and term.kept}
     return [
-        _term_row(each, evidence.get(each.name), marked=marked, without=without.get(each.name, "stated"))
+        _row(each, each.name.key, margins.get(each.name, "stated"), marks.get(each.name, ""))
         for each in link.coefficients
     ]
 
 
-def _term_row(
-    coefficient: CoefficientEstimate, evidence: TermEvidence | None, *, marked: bool, without: str = "stated"
-) -> tuple[str, ...]:
-    """`z` is that of the numbers shown, which a model error may have widened since the selection.
-
-    `without` stands for the margin of what was not tested.
-    """
-    mark = "" if evidence is None or evidence.certain or not marked else "  in doubt"
-    key, value, error, _, unit = coefficient_row(coefficient, coefficient.name.key)
+def _row(coefficient: CoefficientEstimate, label: str, margin: str, mark: str = "") -> tuple[str, ...]:
+    """z is that of the numbers shown, which a model error may have widened since the selection."""
+    _, value, error, _, unit = coefficient_row(coefficient, label)
     z = rough(coefficient.value / coefficient.standard_error) if coefficient.standard_error else ""
-    margin = without if evidence is None else rough(evidence.margin)
-    return key, value, error, z, margin, f"{unit}{mark}"
+    return label, value, error, z, margin, f"{unit}{mark}"
 
 
 def doubtful_title(discovery: Discovery) -> str:

@@ -2,20 +2,17 @@
 
 The weak equations of all masses are regressed together, with one set of coefficients for each link, and terms that are not
 significant eliminated (METHODS section 9). For many masses a first screen regresses the equation of each mass by itself on all
-links that may end there, so that the work grows with the number of pairs; what is significant at either end of a link is
-regressed again: mass by mass for what the likelihood should test, and together. Displacements that were integrated lack their
-constants and suggest false links beside true ones; there the tree of the most significant links is enough to start from.
+links that may end there, so that the work grows with the number of pairs; what is significant at either end of a link is what
+the likelihood should test, and all terms of its link are regressed together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from scipy.sparse.csgraph import minimum_spanning_tree
 
 from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates
@@ -23,7 +20,6 @@ from linkwise.discovery.criterion import Penalty, QuadraticModel
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.kalman import CHANGES, LinearPart, likeliest_change, samples_of, tuned_modes
 from linkwise.likelihood.starts.values import require_supported
-from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport
 from linkwise.records.record import Record
@@ -48,7 +44,6 @@ _FIRST_LIMIT = 2.5  # |z| in the equation of one mass above which a term is look
 _LIMIT = 4.0  # |z| in all equations above which a term is significant
 # parts of the noise bias to leave in until the normal matrix is positive definite
 _BIAS = (0.0, 0.03, 0.1, 0.3, 1.0)
-_STATED = 1e12  # in place of |z| of a stated link: larger than any
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +91,8 @@ class WeakRegression:
     def quadratic(self, bias: float) -> QuadraticModel:
         """The normal equations with the part `bias` of the noise bias left in; z scores by the noise."""
         h, g = _normal_equations(self.systems, self.weights, self.numbers, bias)
-        return QuadraticModel(self.names, h, g, self.penalty, self.scatter)
-
-    @cached_property
-    def penalty(self) -> Penalty:
-        """The penalty on the candidates, for the number of equations."""
-        rows = sum(len(own.layout.masses) * own.windows for system in self.systems for own in system.patches)
-        return Penalty.of(self.candidates, self.names, int(rows))
+        penalty = Penalty.of(self.candidates, self.names, len(h))  # which no elimination asks for
+        return QuadraticModel(self.names, h, g, penalty, self.scatter)
 
     @property
     def always(self) -> frozenset[int]:
@@ -280,32 +270,3 @@ def _significant_at(
     left = regression.significant(_FIRST_LIMIT)
     chosen = {*added, *(left if len(left) <= _MOST_LEFT * len(added) + _FEW else ())}
     return {regression.names[k] for k in chosen} & candidates.by_name.keys()
-
-
-def skeleton(measured: Measured, candidates: Candidates) -> frozenset[int]:
-    """The numbers of the pairs with stated links, and of those of the tree of the most significant links beside them.
-
-    It joins every mass to the ground with the largest |z|, that of a link being that of its most significant elastic term.
-    Empty if the significant links do not reach every mass.
-    """
-    z = dict.fromkeys(candidates.stated_pairs, _STATED)
-    regression = WeakRegression.of(measured, candidates, candidates.full_structure)
-    significant = regression.significant(_LIMIT)
-    found = regression.least_biased(lambda quadratic: quadratic.solve(significant))
-    scores = () if found is None else np.abs(found[1].z).tolist()
-    for k, score in zip(significant, scores, strict=False):
-        entry = candidates.by_name.get(regression.names[k])
-        if entry is not None and entry.term.elastic:
-            z[entry.pair] = max(score, z.get(entry.pair, 0.0))
-    node = {mass.name: number for number, mass in enumerate(candidates.masses)}
-    node |= {GROUND: len(node), BASE: len(node)}
-    distance, pairs = np.zeros((len(candidates.masses) + 1,) * 2), {}
-    for pair, score in z.items():
-        ends = tuple(sorted(node[end] for end in candidates.pairs[pair].between))
-        if distance[ends] == 0.0 or 1.0 / score < distance[ends]:
-            distance[ends], pairs[ends] = 1.0 / score, pair
-    tree = minimum_spanning_tree(distance).tocoo()
-    if tree.nnz < len(candidates.masses):
-        return frozenset()
-    beside = (pairs[int(first), int(second)] for first, second in zip(tree.row, tree.col, strict=True))
-    return candidates.stated_pairs.union(beside)
