@@ -107,22 +107,21 @@ def single(draw: Callable[..., Axes], *, height: float = 3.6) -> Figure:
 
 
 def strips(
-    shown: Sequence[Any],
-    draw: Callable[..., Axes],
+    draws: Sequence[Callable[..., Axes]],
     height: tuple[float, float],
     *,
     title: str = "",
     legend: bool = True,
     columns: int = 3,
 ) -> Figure:
-    """A figure of strips with one horizontal axis, each by ``draw(item, ax=axes)``; `height` inches around all and of each.
+    """A figure of strips with one horizontal axis, each by ``draw(ax=axes)``; `height` inches around all and of each.
 
     A `title` stands in place of those of the strips.
     """
-    count = max(len(shown), 1)
+    count = max(len(draws), 1)
     with sheet(count, height=height[0] + height[1] * count, share_time=True) as (figure, panels):
-        for axes, item in zip(panels, shown, strict=False):
-            draw(item, ax=axes)
+        for axes, draw in zip(panels, draws, strict=False):
+            draw(ax=axes)
             axes.label_outer()
             if title:
                 axes.set_title("")
