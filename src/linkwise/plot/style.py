@@ -14,7 +14,7 @@ from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from types import NoneType
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -272,6 +272,9 @@ def not_shown(names: Sequence[object], most: int, kind: str) -> str:
     return f" ({len(names) - most} more {kind} not shown)" if len(names) > most else ""
 
 
+BELOW: Final = "outside lower center"  # where the legend of all panels of a figure stands
+
+
 def legend_below(figure: Figure, *panels: Axes, columns: int = 3) -> None:
     """One legend below all panels that holds every label once."""
     named: dict[str, Artist] = {}
@@ -279,12 +282,7 @@ def legend_below(figure: Figure, *panels: Axes, columns: int = 3) -> None:
         for handle, text in zip(*axes.get_legend_handles_labels(), strict=True):
             named.setdefault(text, handle)
     if named:
-        place_legend(figure, list(named.values()), list(named), columns)
-
-
-def place_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], columns: int) -> None:
-    """A legend of so many columns below all panels of a figure that `sheet` made."""
-    figure.legend(list(handles), list(labels), loc="outside lower center", ncols=columns)
+        figure.legend(list(named.values()), list(named), loc=BELOW, ncols=columns)
 
 
 def encoded(figure: Figure, *formats: Literal["png", "svg"]) -> list[bytes]:
