@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from html import escape
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 _MARKED = (*"=+-@＝＋－＠\t\r\n'",)  # with which a formula may begin, and the apostrophe itself
 _FAR_FROM_NOISE = 1e4  # chi-square from which its decimals say nothing
 _WIDTH = 100  # at which sentences are wrapped
+_LONGEST_NAME = 50  # characters: MATLAB takes 63, and prefixes are added
 LONGEST = 2000  # characters of a message: what a screen shows beside what was typed
 
 
@@ -166,6 +168,21 @@ def near_miss(typed: str, names: Iterable[str]) -> str:
     known = list(names)
     near = [name for name in known if name.startswith(f"{typed}.")] or get_close_matches(typed, known, n=1)
     return f'; did you mean "{near[0]}"?' if near and near[0] != typed else ""
+
+
+def identifiers(names: Iterable[str], reserved: Iterable[str]) -> dict[str, str]:
+    """A name of ASCII letters, digits and underscores for each, no two alike and none of those `reserved`."""
+    used, chosen = set(reserved), {}
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name).lstrip("_")[:_LONGEST_NAME] or "unnamed"
+        plain = f"n{plain}" if plain[0].isdigit() else plain
+        unique, number = plain, 1
+        while unique in used:
+            number += 1
+            unique = f"{plain}_{number}"
+        used.add(unique)
+        chosen[name] = unique
+    return chosen
 
 
 _GOOD, _BAD, _NEUTRAL = "#1a7f37", "#b42318", "#57606a"

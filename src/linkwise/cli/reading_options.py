@@ -27,6 +27,7 @@ from linkwise.cli.options import (
     typed,
 )
 from linkwise.display import near_miss
+from linkwise.files.mapping import channel_of
 from linkwise.model import link
 from linkwise.signals.force_window import with_force_windows
 from linkwise.verdict import Basis
@@ -108,7 +109,7 @@ class ReadingOptions:
         whole = self.record_mapping()
         late = {name: one.delay.value for name, one in whole.sensors.items() if one.delay is not None}
         mappings = self._by_file(whole)
-        times = {key: column for key, column in mappings[None].channels.items() if _channel(key) == "time"}
+        times = {key: column for key, column in mappings[None].channels.items() if channel_of(key) == "time"}
 
         def read(file: Path | None, mapping: lw.files.RecordMapping) -> lw.Record:
             return lw.read_record(file or path, known_masses=masses, informative=informative, mapping=mapping)
@@ -218,23 +219,23 @@ class ReadingOptions:
         for name, (file, column) in self._columns().items():
             if file is not None:
                 elsewhere.setdefault(file, {})[name] = column
-        theirs = {_channel(name) for columns in elsewhere.values() for name in columns}
+        theirs = {channel_of(name) for columns in elsewhere.values() for name in columns}
         sensors = dict(whole.sensors)
         for name, sensor in whole.sensors.items():
             if sensor.delay is not None:
                 sensors[name] = replace(sensor, delay=lw.records.StatedError(0.0, sensor.delay.sigma))
-        columns = {key: column for key, column in whole.channels.items() if _channel(key) not in theirs}
+        columns = {key: column for key, column in whole.channels.items() if channel_of(key) not in theirs}
         own = {name: sensor for name, sensor in sensors.items() if name not in theirs}
         mapping = replace(whole, decimate=None, channels=columns, sensors=own)
         mappings: dict[Path | None, lw.files.RecordMapping] = {None: mapping}
         for file, named in elsewhere.items():
-            own = {name: sensor for name, sensor in sensors.items() if name in map(_channel, named)}
+            own = {name: sensor for name, sensor in sensors.items() if name in map(channel_of, named)}
             mappings[file] = replace(mapping, channels=named, sensors=own)
         return mappings
 
     def _columns(self) -> dict[str, tuple[Path | None, str]]:
         columns = pairs(self.channel, "--channel", "x:m1=COLUMN").items()
-        times = {name: (None, text) for name, text in columns if _channel(name) == "time"}
+        times = {name: (None, text) for name, text in columns if channel_of(name) == "time"}
         return {name: times.get(name) or file_and_column(text) for name, text in columns}
 
     def _sensors(self) -> dict[str, lw.records.SensorStatement]:
@@ -252,11 +253,6 @@ class ReadingOptions:
         for name, run in pairs(self.interpolation, "--interpolation", "force:m1=held").items():
             sensors[name] = replace(sensors.get(name, nothing), interpolation=run)
         return sensors
-
-
-def _channel(key: str) -> str:
-    """The name of a channel without the unit that stands behind it."""
-    return key.partition("[")[0].strip()
 
 
 def _of_sensor(text: str) -> Iterator[tuple[str, str, str]]:

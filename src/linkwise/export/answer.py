@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -21,8 +20,6 @@ from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
 from linkwise.templates import filled
 from linkwise.verdict import UNGRADED, Basis
-
-_LONGEST = 50  # characters of a name: MATLAB takes 63, and prefixes are added
 
 
 @dataclass(frozen=True)
@@ -213,18 +210,3 @@ def rendered(template: str, **parts: Any) -> str:
     """The file in another language that a template makes of its parts."""
     text = filled("export", template, **parts)
     return text if text.endswith("\n") else f"{text}\n"
-
-
-def identifiers(names: Iterable[str], reserved: Iterable[str]) -> dict[str, str]:
-    """A name of ASCII letters, digits and underscores for each, no two alike and none of those `reserved`."""
-    used, chosen = set(reserved), {}
-    for name in names:
-        plain = re.sub(r"[^A-Za-z0-9_]", "_", name).lstrip("_")[:_LONGEST] or "unnamed"
-        plain = f"n{plain}" if plain[0].isdigit() else plain
-        unique, number = plain, 1
-        while unique in used:
-            number += 1
-            unique = f"{plain}_{number}"
-        used.add(unique)
-        chosen[name] = unique
-    return chosen

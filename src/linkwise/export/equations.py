@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from linkwise.display import identifiers
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.export.answer import ExportedAnswer, ExportFormat, identifiers, written
+from linkwise.export.answer import ExportedAnswer, ExportFormat, written
 from linkwise.expression import (
     Expression,
     Number,

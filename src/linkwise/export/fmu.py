@@ -17,9 +17,9 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import numpy as np
 
-from linkwise.display import on_one_line
+from linkwise.display import identifiers, on_one_line
 from linkwise.errors import OutputError
-from linkwise.export.answer import identifiers, rendered
+from linkwise.export.answer import rendered
 from linkwise.export.c import KEYWORDS, C, literal, source
 from linkwise.export.equations import EquationsOfMotion
 from linkwise.expression import symbols

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.io import savemat
 
 from linkwise.arrays import Floats
-from linkwise.display import on_one_line
+from linkwise.display import identifiers, on_one_line
 from linkwise.errors import OutputError
-from linkwise.export.answer import ExportedAnswer, identifiers, rendered
+from linkwise.export.answer import ExportedAnswer, rendered
 from linkwise.export.equations import EquationsOfMotion, Notation
 from linkwise.expression.tree import FUNCTIONS, MATLAB, to_code, to_text
 

@@ -7,8 +7,8 @@ import keyword
 from pathlib import Path
 from typing import Any
 
-from linkwise.display import on_one_line
-from linkwise.export.answer import ExportedAnswer, identifiers, rendered
+from linkwise.display import identifiers, on_one_line
+from linkwise.export.answer import ExportedAnswer, rendered
 from linkwise.export.equations import EquationsOfMotion, Notation
 from linkwise.expression.tree import NUMPY, to_code, to_text
 from linkwise.model.link import Link

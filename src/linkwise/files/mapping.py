@@ -138,8 +138,8 @@ class RecordMapping:
         RecordMapping
             Both.
         """
-        own = {_channel(key) for key in self.channels}
-        added_channels = {key: column for key, column in other.channels.items() if _channel(key) not in own}
+        own = {channel_of(key) for key in self.channels}
+        added_channels = {key: column for key, column in other.channels.items() if channel_of(key) not in own}
         sensors = dict(other.sensors)
         for name, stated in self.sensors.items():
             sensors[name] = stated.over(sensors.get(name, SensorStatement()))
@@ -148,7 +148,8 @@ class RecordMapping:
         return replace(other, **{**settings, **together})
 
 
-def _channel(key: str) -> str:
+def channel_of(key: str) -> str:
+    """The name of the channel that a key of `channels` maps, without its unit, or "time"."""
     header = ColumnHeader.parse(key)
     return "time" if header.is_time else header.name
 

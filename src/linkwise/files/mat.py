@@ -10,7 +10,6 @@ In exports of Testlab each measured function is a struct of its values, its even
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 from scipy.sparse import csc_array, issparse
 
+from linkwise.display import identifiers
 from linkwise.files.arrays import Unread, columns_of, scalar, spelled_as_channel, stated_rate
 from linkwise.files.hdf5 import open_file
 from linkwise.files.mapping import as_statements, sensors_of
@@ -31,7 +31,6 @@ from linkwise.records.channel import KINDS, STORED
 from linkwise.records.record import Record
 from linkwise.units import converts, factor_to_si
 
-_NAME_LENGTH = 63  # longest name of a MATLAB variable
 _LARGEST = 10_000_000  # numbers of a sparse matrix that is read
 _OWN = frozenset({"sensors", "channels", "variables", "notes", "start", "rate", "source", *STORED})
 
@@ -109,7 +108,7 @@ def _from_hdf5(item: h5py.Group | h5py.Dataset, file: h5py.File) -> Any:
 
 def write(record: Record, path: Path) -> None:
     """Write the variables described at the top of this module as MAT v5."""
-    variables = _identifiers(record.channels)
+    variables = list(identifiers(record.channels, ()).values())
     content: dict[str, Any] = {
         "time": record.time,
         **{variable: record.channel(name) for variable, name in zip(variables, record.channels, strict=True)},
@@ -140,16 +139,6 @@ def _by_channel(value: Any, kind: str, channels: Iterable[str]) -> dict[str, Any
     )
     pairs = zip(channels, values, strict=False)
     return {name: stored for name, stored in pairs if stored != absent and stored == stored}
-
-
-def _identifiers(channels: tuple[str, ...]) -> tuple[str, ...]:
-    """A unique variable name of letters, digits and underscores for each channel."""
-    identifiers: list[str] = []
-    for i, name in enumerate(channels):
-        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:_NAME_LENGTH]
-        tail = f"_{i + 1}"
-        identifiers.append(plain if plain not in identifiers else plain[: _NAME_LENGTH - len(tail)] + tail)
-    return tuple(identifiers)
 
 
 _VALUES = "/y_values/values"

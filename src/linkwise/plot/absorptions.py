@@ -102,7 +102,8 @@ def decay_figure(result: Answer) -> Figure:
     plain = without_intervals(result)
     names = [mass.name for mass in plain.masses]
     title = _title(plain) + not_shown(names, _MOST, "masses")
-    return strips(names[:_MOST], partial(absorption, result, legend=False), (1.3, 1.25), title=title)
+    draws = [partial(absorption, result, name, legend=False) for name in names[:_MOST]]
+    return strips(draws, (1.3, 1.25), title=title)
 
 
 def mark_chaos(axes: Axes, result: Absorption, *, shaded: bool = True) -> None:
@@ -329,8 +330,8 @@ def crossings(
 
 def crossings_figure(result: Answer) -> Figure:
     """The sinks, each in a strip of its own; of more than 8 the first."""
-    names = [entry.sink.link for entry in without_intervals(result).sinks[:_MOST]]
-    return strips(names, partial(crossings, result, legend=False), (1.2, 1.3))
+    sinks = without_intervals(result).sinks[:_MOST]
+    return strips([partial(crossings, result, one.sink.link, legend=False) for one in sinks], (1.2, 1.3))
 
 
 _SINKS, _OTHERS = 5, 4  # bands of links that can be told apart

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -232,13 +232,15 @@ def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -
     return axes
 
 
-def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
+def runners_up(discovery: Discovery, *, legend: bool = False, ax: Axes | None = None) -> Axes:
     """Draw how much worse the criterion of the next best models is.
 
     Parameters
     ----------
     discovery : Discovery
         An answer of `linkwise.discover`.
+    legend : bool, default False
+        Add a legend to the axes.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
 
@@ -257,7 +259,7 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
     'the next best models'
     """
     margins = [model.margin for model in discovery.runners_up[:_RUNNERS_UP]]
-    with axes_for(ax) as axes:
+    with axes_for(ax, legend=legend) as axes:
         rows = np.arange(len(margins))
         axes.axvspan(0.0, CERTAIN, color=VISITED, zorder=0)
         axes.barh(rows, margins, color=IDENTIFIED, height=0.6)
@@ -272,8 +274,5 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
 
 def path_figure(discovery: Discovery) -> Figure:
     """The path and, beside it, the next best models."""
-    draws: list[Callable[..., Axes]] = [
-        partial(path, discovery),
-        lambda legend, ax: runners_up(discovery, ax=ax),
-    ]
+    draws = [partial(path, discovery), partial(runners_up, discovery)]
     return pictures(draws, width=8.0, legend_columns=4)

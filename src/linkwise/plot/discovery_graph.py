@@ -25,6 +25,7 @@ from linkwise.discovery.result import Discovery, headline
 from linkwise.model.link import GROUND
 from linkwise.plot import style
 from linkwise.plot.style import (
+    BELOW,
     MEASURED,
     SERIES,
     TRUE,
@@ -32,7 +33,6 @@ from linkwise.plot.style import (
     axes_inches,
     label,
     literal,
-    place_legend,
     scale,
     sheet,
     wrapped,
@@ -204,7 +204,7 @@ def graph_figure(discovery: Discovery) -> Figure:
         style.heading(figure, wrapped(headline(discovery)[0], width))
         handles = _legend_handles(_drawing(discovery).edges)
         columns = max(1, min(len(handles), int(width / 1.35)))
-        place_legend(figure, handles, [str(handle.get_label()) for handle in handles], columns)
+        figure.legend(handles=handles, loc=BELOW, ncols=columns)
     return figure
 
 

@@ -178,7 +178,7 @@ def level_response(
 def level_responses_figure(comparison: LevelComparison) -> Figure:
     """The response function of every level, and its coherence."""
     draw = partial(level_response, comparison, legend=False)
-    return strips(("magnitude", "coherence"), draw, (0.0, 2.3), columns=4)
+    return strips([draw, partial(draw, "coherence")], (0.0, 2.3), columns=4)
 
 
 def ring_down(

@@ -108,8 +108,8 @@ def histories_figure(record: Record) -> Figure:
     """Each channel over time in a strip of its own; of more than 10 channels the first."""
     channels = (*record.inputs, *record.responses)
     title = f"{record.source or 'record'}{not_shown(channels, _MOST, 'channels')}"
-    shown = [[name] for name in channels[:_MOST]]
-    return strips(shown, partial(histories, record), (0.9, 0.95), title=title, legend=False)
+    draws = [partial(histories, record, [name]) for name in channels[:_MOST]]
+    return strips(draws, (0.9, 0.95), title=title, legend=False)
 
 
 def _shown(record: Record) -> tuple[str, ...]:
@@ -183,10 +183,8 @@ def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
     """The spectrum of each channel of one record in a strip of its own, noise dashed; of more than 10 channels the first."""
     record = inspection.records[number]
     of = {summary.name: summary.noise for summary in inspection.channels_of(number)}
-    shown = [(name, of[name]) for name in _shown(record)]
-    return strips(
-        shown, lambda one, ax: spectrum(record, *one, legend=False, ax=ax), (0.9, 1.1), legend=False
-    )
+    draws = [partial(spectrum, record, name, of[name], legend=False) for name in _shown(record)]
+    return strips(draws, (0.9, 1.1), legend=False)
 
 
 _DECADES = 8.0  # of the power that colours tell apart, below its largest value
@@ -268,7 +266,7 @@ def coherence(
 def spectrograms_figure(inspection: Inspection, number: int = 0) -> Figure:
     """Each channel of one record over time and frequency, in a strip of its own; of more than 10 channels the first."""
     record = inspection.records[number]
-    return strips(_shown(record), partial(spectrogram, record), (0.9, 1.3), legend=False)
+    return strips([partial(spectrogram, record, name) for name in _shown(record)], (0.9, 1.3), legend=False)
 
 
 def coherences_figure(inspection: Inspection, number: int = 0) -> Figure:
@@ -276,7 +274,7 @@ def coherences_figure(inspection: Inspection, number: int = 0) -> Figure:
     record = inspection.records[number]
     pairs = list(pairwise((*record.inputs, *record.responses)))[:_MOST]
     return strips(
-        pairs, lambda one, ax: coherence(record, *one, legend=False, ax=ax), (0.9, 1.1), legend=False
+        [partial(coherence, record, *pair, legend=False) for pair in pairs], (0.9, 1.1), legend=False
     )
 
 

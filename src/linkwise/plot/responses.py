@@ -202,7 +202,7 @@ def backbone_figure(result: Backbone) -> Figure:
     title += not_shown(result.channels, _MOST, "channels")
 
     draws = [partial(backbone, result, channel, legend=False) for channel in result.channels[:_MOST]]
-    return strips([*draws, partial(_damping, result)], lambda draw, ax: draw(ax=ax), (1.5, 1.7), title=title)
+    return strips([*draws, partial(_damping, result)], (1.5, 1.7), title=title)
 
 
 def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Axes:
@@ -255,4 +255,5 @@ def basins_figure(result: Basins) -> Figure:
 def response_figure(result: Response) -> Figure:
     """The channels, each in a strip of its own; of more than 6 the first."""
     title = f"{result.structure.name}: half of peak to peak" + not_shown(result.channels, _MOST, "channels")
-    return strips(result.channels[:_MOST], partial(response, result, legend=False), (1.5, 1.7), title=title)
+    draws = [partial(response, result, channel, legend=False) for channel in result.channels[:_MOST]]
+    return strips(draws, (1.5, 1.7), title=title)

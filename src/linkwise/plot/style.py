@@ -14,7 +14,7 @@ from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from types import NoneType
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -107,22 +107,21 @@ def single(draw: Callable[..., Axes], *, height: float = 3.6) -> Figure:
 
 
 def strips(
-    shown: Sequence[Any],
-    draw: Callable[..., Axes],
+    draws: Sequence[Callable[..., Axes]],
     height: tuple[float, float],
     *,
     title: str = "",
     legend: bool = True,
     columns: int = 3,
 ) -> Figure:
-    """A figure of strips with one horizontal axis, each by ``draw(item, ax=axes)``; `height` inches around all and of each.
+    """A figure of strips with one horizontal axis, each by ``draw(ax=axes)``; `height` inches around all and of each.
 
     A `title` stands in place of those of the strips.
     """
-    count = max(len(shown), 1)
+    count = max(len(draws), 1)
     with sheet(count, height=height[0] + height[1] * count, share_time=True) as (figure, panels):
-        for axes, item in zip(panels, shown, strict=False):
-            draw(item, ax=axes)
+        for axes, draw in zip(panels, draws, strict=False):
+            draw(ax=axes)
             axes.label_outer()
             if title:
                 axes.set_title("")
@@ -273,6 +272,9 @@ def not_shown(names: Sequence[object], most: int, kind: str) -> str:
     return f" ({len(names) - most} more {kind} not shown)" if len(names) > most else ""
 
 
+BELOW: Final = "outside lower center"  # where the legend of all panels of a figure stands
+
+
 def legend_below(figure: Figure, *panels: Axes, columns: int = 3) -> None:
     """One legend below all panels that holds every label once."""
     named: dict[str, Artist] = {}
@@ -280,12 +282,7 @@ def legend_below(figure: Figure, *panels: Axes, columns: int = 3) -> None:
         for handle, text in zip(*axes.get_legend_handles_labels(), strict=True):
             named.setdefault(text, handle)
     if named:
-        place_legend(figure, list(named.values()), list(named), columns)
-
-
-def place_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], columns: int) -> None:
-    """A legend of so many columns below all panels of a figure that `sheet` made."""
-    figure.legend(list(handles), list(labels), loc="outside lower center", ncols=columns)
+        figure.legend(list(named.values()), list(named), loc=BELOW, ncols=columns)
 
 
 def encoded(figure: Figure, *formats: Literal["png", "svg"]) -> list[bytes]:

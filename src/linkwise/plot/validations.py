@@ -135,7 +135,8 @@ def prediction_error_figure(validation: Validation) -> Figure:
 def _channel_strips(validation: Validation, draw: Callable[..., Axes], title: str) -> Figure:
     names = list(validation.channels)
     title += not_shown(names, _MOST, "channels")
-    return strips(names[:_MOST], partial(draw, validation, legend=False), (1.3, 1.15), title=title)
+    draws = [partial(draw, validation, name, legend=False) for name in names[:_MOST]]
+    return strips(draws, (1.3, 1.15), title=title)
 
 
 def _frame(axes: Axes, validation: Validation, name: str) -> None:
@@ -254,4 +255,6 @@ def prediction_profile_figure(validation: Validation) -> Figure:
 def prediction_spectrum_figure(validation: Validation) -> Figure:
     """The spectra of the channels; of more than 4 the first."""
     names = list(validation.spectra)[:_MOST_PROFILES]
-    return strips(names, partial(prediction_spectrum, validation, legend=False), (0.9, 1.9))
+    return strips(
+        [partial(prediction_spectrum, validation, name, legend=False) for name in names], (0.9, 1.9)
+    )
