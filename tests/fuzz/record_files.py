@@ -8,7 +8,7 @@ from random import Random
 
 import h5py
 import numpy as np
-from foreign_files import Response, content, lab_view, lvm, universal, workbook
+from foreign_files import Response, content, lab_view, lvm, matlab_v73, universal, workbook
 from problems import chain_record
 from scipy.io import savemat
 
@@ -50,10 +50,7 @@ def _matlab(path: Path) -> None:
 
 
 def _matlab_73(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        file["time"] = TIME[None, :]
-        for name, values in _values().items():
-            file[name.replace(":", "_")] = values[None, :]
+    matlab_v73(path, {"time": TIME, **{name.replace(":", "_"): values for name, values in _values().items()}})
 
 
 def _groups(path: Path) -> None:

@@ -34,6 +34,7 @@ PAIR = row_of_masses(
     lower=("k*d + k3*d**3 + c*v", {"k": 900.0, "k3": 2e5, "c": 0.6}),
     upper=("k*d + c*v", {"k": 1000.0, "c": 0.6}),
 )
+ASKED = PAIR.unknown("all")
 HUNG = structure(
     {"m1": 1.0, "m2": 0.5},
     link("a", "m1-base", "k*d + c*v", k=400.0, c=1.5),
@@ -221,6 +222,17 @@ def test_an_error_that_laws_may_stand_for_is_a_second_answer(kind: str, size: fl
     assert (error.kind, error.channel) == (kind, "x:m2")
     assert abs(error.value - size) < 4.0 * error.standard_error
     assert beside.trusted and np.abs(errors(beside, PAIR)).max() < 4.0
+
+
+def test_a_channel_that_is_not_there_is_no_matter_of_the_record(record: lw.Record) -> None:
+    """Every refusal was read as a fault of the record, and a wrong sign of a sensor named beside it."""
+    with pytest.raises(lw.IdentificationError) as refused:
+        lw.identify(record, ASKED, offsets=["x:m9"])
+    assert (
+        str(refused.value)
+        == 'no offset of x:m9 can be estimated; did you mean "x:m2"?: the record has x:m1, x:m2'
+    )
+    assert refused.value.arguments == ("offsets",)
 
 
 def test_a_high_pass_of_a_sensor_beside_a_recorded_acceleration_of_the_base() -> None:

@@ -1,4 +1,4 @@
-"""The flow over segments and its tangents: against the engine, against their declared orders, against differences."""
+"""The flow over segments: against the engine, against its declared order; and inputs between samples."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -6,14 +6,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from present import present
-from problems import rubbing_trio, truth
+from problems import rubbing_trio
 from record_faults import without
 
 import linkwise as lw
 from linkwise.likelihood.shooting.flow import POINTS, Inputs, flow
 from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.shooting.tangents import tangents
 
 RATE = 1000.0
 FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"
@@ -23,11 +22,6 @@ FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"
 def three() -> lw.Structure:
     """Three masses, a moving base, two laws in turn, a coefficient shared, friction nonlinear in a coefficient."""
     return rubbing_trio()
-
-
-@pytest.fixture(scope="module")
-def unknown(three: lw.Structure) -> lw.Structure:
-    return three.unknown("all", "mass:m2", "mass:m3")
 
 
 def driven(
@@ -88,44 +82,6 @@ def test_inputs_between_samples_are_band_limited(three: lw.Structure) -> None:
     assert np.abs(base - exact_base)[:, :, 0, middle].max() < 1e-4 * 1e-3
     assert np.abs(base - exact_base)[:, :, 1, middle].max() < 1e-3 * 0.3
     assert not force[:, :, [0, 2]].any()
-
-
-@pytest.mark.parametrize("refine", [1, 4])
-def test_tangents_are_the_flows_differences(three: lw.Structure, unknown: lw.Structure, refine: int) -> None:
-    """By every state, coefficient (one shared, one nonlinear) and unknown mass, with inputs."""
-    system, theta = System.of(unknown), truth(three, unknown)
-    record = driven(three, duration=0.1)
-    start = states(record, 5)[..., :-1]
-    time, step = record.time[::5][:-1], 1e-3 / refine
-    steps, drive = 5 * refine, exact_inputs(time, step, 5 * refine)
-    scale = np.repeat([1e-4, 1e-1], 3)
-    h = np.full(len(time), step)
-
-    def end(at: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        orbit = flow(system.at(values), at, h, steps, drive)
-        return orbit.states[-1], orbit.accelerations[-1 - refine] * step**2
-
-    stored = [
-        (tangent.state.copy(), None if tangent.acceleration is None else tangent.acceleration.copy())
-        for tangent in tangents(
-            system.at(theta), flow(system.at(theta), start, h, steps, drive), h, scale, theta, inputs=drive
-        )
-    ]
-    state, acceleration = stored[-1][0], stored[-1 - refine][1]
-    eps = 1e-4
-    for column in range(6 + len(theta)):
-        shift, change = np.zeros((2, 3, 1)), np.zeros_like(theta)
-        if column < 6:
-            shift.reshape(6)[column] = eps * scale[column]
-        else:
-            change[column - 6] = eps * theta[column - 6]
-        ahead, behind = end(start + shift, theta + change), end(start - shift, theta - change)
-        for ours, plus, minus in zip((state, acceleration), ahead, behind, strict=True):
-            difference = (plus - minus) / (2 * eps)
-            size = np.abs(difference).max()
-            # single precision leaves 1e-6 of each step; steps of a whole sample err by (h omega)^4, 0.4^4
-            limit = 2e-2 if refine == 1 else 2e-4
-            assert np.abs(present(ours)[..., column, :] - difference).max() < limit * size, column
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ from linkwise.likelihood.starts.kalman import LinearPart, likeliest_change, stab
 from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.likelihood.starts.memory import held_at_zero
 from linkwise.likelihood.starts.values import link_start, starting_values
+from linkwise.model.law import Law
 from linkwise.weak.fit import WeakFit
 
 
@@ -136,7 +137,7 @@ def test_sliders_follow_the_elongation_within_their_bounds(name: str, count: int
     """Without the error of steps over their corners: one state, `beside`, makes the law step as others do."""
     law = named("link", "a-b", name).law
     beside = {rate.name: rate.text for rate in law.rates} | {"beside": "-beside**3"}
-    stepped = lw.Law.parse(law.text, beside)
+    stepped = Law.parse(law.text, beside)
     values: dict[str, float | Floats] = {"k": 2e3, "Fs": np.array([[5.0], [9.0]]), "KT": 2e3, "FS": 9.0}
     values |= {"chi": -0.4, "beta": np.array([[0.5], [2.0]])}
     errors = []
