@@ -8,29 +8,29 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34818  # lines of all files of tests
+TESTS = 34708  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (11, 2026),
     "analysis": (4, 482),
-    "cli": (20, 1841),
-    "discovery": (19, 3294),
+    "cli": (20, 1839),
+    "discovery": (19, 3248),
     "estimates": (8, 1463),
-    "export": (8, 723),
+    "export": (8, 710),
     "expression": (6, 1045),
-    "files": (14, 1940),
+    "files": (14, 1932),
     "identification": (12, 2376),
     "inspection": (9, 1846),
-    "likelihood": (64, 13600),
+    "likelihood": (64, 13619),
     "modal": (5, 840),
     "model": (16, 2965),
     "paper": (3, 358),
-    "plot": (12, 1795),
+    "plot": (12, 1793),
     "records": (9, 1445),
     "report": (12, 1030),
     "response": (13, 1819),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (12, 955),
+    "root": (12, 968),
     "signals": (6, 834),
     "simulation": (9, 1589),
     "sindy": (8, 1008),
