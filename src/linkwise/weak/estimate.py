@@ -35,7 +35,7 @@ from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.estimates.link_estimate import LinkMotion, extremes, forces_with_memory
 from linkwise.expression import to_text
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.link import Link, refuse_memory, with_term
+from linkwise.model.link import refuse_memory, with_term
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress
 from linkwise.records.channel_units import unit_in
@@ -257,15 +257,14 @@ def _scores(
 @lru_cache(maxsize=32)
 def _with_terms(structure: Structure) -> Structure:
     """The structure with an unknown coefficient for each term that a law has none for."""
-    return replace(structure, links=tuple(map(_with_link_terms, structure.links)))
-
-
-def _with_link_terms(link: Link) -> Link:
-    free = (name for name in link.law.linear if link.coefficients[name].value is None)
-    unknown = {to_text(link.law.basis[name]).replace(" ", "") for name in free}
-    new = {name: term for name, term in _ADDED.items() if term not in unknown}
-    form = " + ".join(f"{{{number}}}*({term})" for number, term in enumerate(new.values()))
-    return with_term(link, form, dict.fromkeys(new, Coefficient.unknown())) if new else link
+    links = []
+    for link in structure.links:
+        free = (name for name in link.law.linear if link.coefficients[name].value is None)
+        unknown = {to_text(link.law.basis[name]).replace(" ", "") for name in free}
+        new = {name: term for name, term in _ADDED.items() if term not in unknown}
+        form = " + ".join(f"{{{number}}}*({term})" for number, term in enumerate(new.values()))
+        links.append(with_term(link, form, dict.fromkeys(new, Coefficient.unknown())) if new else link)
+    return replace(structure, links=tuple(links))
 
 
 _WIDER = 1.4  # rates are smoothed by test functions of so many times the width: twice the width flattens fast motion

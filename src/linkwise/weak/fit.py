@@ -516,16 +516,14 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
             'use method "ml", or state numbers'
         )
     covariance = fit.covariance
-    mean = np.array([p.start or 0.0 for p in parameters])[known]
-    variance = np.array([p.sigma for p in parameters])[known] ** 2
+    stated = [(p.start or 0.0, p.sigma, p.lower, p.upper) for p in parameters]
+    mean, deviation, lower, upper = np.array(stated).T
     given = np.isin(np.arange(len(parameters)), known)
-    innovation = covariance[np.ix_(known, known)] + np.diag(variance)
+    innovation = covariance[np.ix_(known, known)] + np.diag(deviation[known] ** 2)
     unit = np.sqrt(innovation.diagonal())
-    missed = mean - fit.values[known]
+    missed = (mean - fit.values)[known]
     gain = np.linalg.solve(innovation / np.outer(unit, unit), covariance[known] / unit[:, None]).T / unit
     contradicted = tuple(parameters[i].name for i in known[np.abs(missed) > _CONTRADICTED * unit].tolist())
-    lower = np.array([p.lower for p in parameters])
-    upper = np.array([p.upper for p in parameters])
     joined = replace(
         fit,
         values=np.clip(fit.values + gain @ missed, lower, upper),
