@@ -380,9 +380,8 @@ class WeakEquations:
             else:
                 taps = sign * self.window.kernels[kernel : kernel + 1]
                 rows[terms.terms] = self.window.filter(first, taps)[0]
-        forces = len(rows) - len(layout.forced)
-        rows[forces - len(layout.masses) : forces] = self.filtered[PHI_2, layout.masses]
-        for row, mass in enumerate(layout.forced, start=forces):
+        rows[layout.inertial] = self.filtered[PHI_2, layout.masses]
+        for row, mass in enumerate(layout.forced, start=layout.inertial.stop):
             rows[row] = -self.window.sums(self.applied[mass])
         return rows
 
@@ -403,8 +402,7 @@ def _constant_slopes(layout: PatchLayout, evaluated: Sequence[LawTerms]) -> Floa
     for terms in evaluated:
         if isinstance(terms.slope, float):
             slopes[terms.terms] = terms.part.sign * terms.slope
-    forces = len(slopes) - len(layout.forced)
-    slopes[forces - len(layout.masses) : forces] = 1.0
+    slopes[layout.inertial] = 1.0
     return slopes
 
 

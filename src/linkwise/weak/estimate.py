@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from itertools import compress
 from math import sqrt
 from typing import ClassVar, final
 
@@ -34,7 +35,7 @@ from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.estimates.link_estimate import LinkMotion, extremes, forces_with_memory
 from linkwise.expression import to_text
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.link import Link, refuse_memory, with_term
+from linkwise.model.link import refuse_memory, with_term
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress
 from linkwise.records.channel_units import unit_in
@@ -55,6 +56,7 @@ from linkwise.weak.fit import (
     residual_power,
     score_blocks,
     significance,
+    solver,
     weak_fit,
     with_priors,
 )
@@ -84,7 +86,11 @@ def judgement(
     if forbidden is not None:
         return forbidden
     if contradicted:
-        return Verdict.MEASUREMENT_ERROR, _contradiction(contradicted)
+        return Verdict.MEASUREMENT_ERROR, (
+            f"The record contradicts what is stated of {', '.join(contradicted)} by more than four standard errors, so no "
+            "interval is given: correct the value or its sigma, or look for an error of a sensor or a term that a law lacks, "
+            "such as friction."
+        )
     lacking = _missing_force(record, structure, equations, fit)
     if not lacking:
         return Verdict.CONVERGED, f"{_EXPLAINED}."
@@ -145,14 +151,6 @@ def _forbidden(
             'record a motion that stands farther above the noise, or use method "ml".'
         )
     return None
-
-
-def _contradiction(contradicted: Sequence[str]) -> str:
-    return (
-        f"The record contradicts what is stated of {', '.join(contradicted)} by more than four standard errors, so no "
-        "interval is given: correct the value or its sigma, or look for an error of a sensor or a term that a law lacks, such "
-        "as friction."
-    )
 
 
 def _skewed(equations: WeakEquations, fit: WeakFit) -> list[str]:
@@ -259,15 +257,14 @@ def _scores(
 @lru_cache(maxsize=32)
 def _with_terms(structure: Structure) -> Structure:
     """The structure with an unknown coefficient for each term that a law has none for."""
-    return replace(structure, links=tuple(map(_with_link_terms, structure.links)))
-
-
-def _with_link_terms(link: Link) -> Link:
-    free = (name for name in link.law.linear if link.coefficients[name].value is None)
-    unknown = {to_text(link.law.basis[name]).replace(" ", "") for name in free}
-    new = {name: term for name, term in _ADDED.items() if term not in unknown}
-    form = " + ".join(f"{{{number}}}*({term})" for number, term in enumerate(new.values()))
-    return with_term(link, form, dict.fromkeys(new, Coefficient.unknown())) if new else link
+    links = []
+    for link in structure.links:
+        free = (name for name in link.law.linear if link.coefficients[name].value is None)
+        unknown = {to_text(link.law.basis[name]).replace(" ", "") for name in free}
+        new = {name: term for name, term in _ADDED.items() if term not in unknown}
+        form = " + ".join(f"{{{number}}}*({term})" for number, term in enumerate(new.values()))
+        links.append(with_term(link, form, dict.fromkeys(new, Coefficient.unknown())) if new else link)
+    return replace(structure, links=tuple(links))
 
 
 _WIDER = 1.4  # rates are smoothed by test functions of so many times the width: twice the width flattens fast motion
@@ -458,8 +455,7 @@ def record_misfit(record: Record, structure: Structure) -> float:
     for patch in equations.patches:
         noisy = NoisyPatch.of(patch, equations, fit.values)
         windows = equations.points[equations.inside]
-        first = len(patch.layout.kernel) - len(patch.layout.masses) - len(patch.layout.forced)
-        inertia = patch.rows[first : first + len(patch.layout.masses)] * noisy.masses[:, None]
+        inertia = patch.rows[patch.layout.inertial] * noisy.masses[:, None]
         recorded = np.maximum(np.mean(inertia**2, axis=1, keepdims=True), np.finfo(float).tiny)
         terms = patch.residual(fit.values)[:, windows] ** 2 / noisy.power + np.log(noisy.power / recorded)
         misfit += equations.thinning * float(np.sum(terms @ patch.valid[windows]))
@@ -492,34 +488,31 @@ def _with_smoothing(record: Record, structure: Structure, equations: WeakEquatio
 
 def _change(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> Floats:
     """(p,) change of the parameters as rates are smoothed more, to first order, in windows that both smoothings leave."""
-    window, count = equations.window, len(fit.values)
-    rate_window = equations.rate_window
+    window, count, free = equations.window, len(fit.values), fit.free
+    deviation = _WIDER * equations.rate_window.half / sqrt(2 * ORDER + 3)
     wide = weak_equations(
         record,
         structure,
         equations.motion,
         window=window,
-        rate_window=Window.of_deviation(_WIDER * rate_window.half / sqrt(2 * ORDER + 3), window.step),
+        rate_window=Window.of_deviation(deviation, window.step),
         values=equations.by_name(fit.values),
     )
     valid = {mass: patch.valid for patch in wide.patches for mass in patch.layout.masses.tolist()}
     patches = [patch for patch in equations.patches if len(patch.layout.free_terms)]
     weights = [1.0 / residual_power(patch, fit.values) for patch in patches]
+    shared = []
+    for patch in patches:
+        masses = patch.layout.masses.tolist()
+        shared.append((masses, np.min([patch.valid, *(valid[mass] for mass in masses)], axis=0)))
     left = []
     for system in (equations, wide):
-        shared = [
-            system.patch(masses, np.min([patch.valid, *(valid[mass] for mass in masses)], axis=0))
-            for patch, masses in zip(
-                patches, (patch.layout.masses.tolist() for patch in patches), strict=True
-            )
-        ]
-        normal, right = normal_equations(shared, weights, count)
+        own = [system.patch(masses, windows) for masses, windows in shared]
+        normal, right = normal_equations(own, weights, count)
         left.append(right - normal @ fit.values)
-    whole, free = np.asarray(normal_equations(patches, weights, count)[0]), fit.free
-    scale = 1.0 / np.sqrt(whole.diagonal()[free])
-    inner = whole[np.ix_(free, free)] * np.outer(scale, scale)
-    change = np.zeros(count)
-    change[free] = scale * np.linalg.solve(inner, scale * (left[1] - left[0])[free])
+    whole, change = np.asarray(normal_equations(patches, weights, count)[0]), np.zeros(count)
+    solve = solver(whole[np.ix_(free, free)], compress(equations.parameters, free))
+    change[free] = solve((left[1] - left[0])[free])
     return change
 
 

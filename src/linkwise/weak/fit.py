@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import compress
 from typing import NoReturn
 
 import numpy as np
@@ -387,7 +388,7 @@ def _solve_bounded(
     values = np.zeros(len(g))
     while free.any():
         rest = g[free] - (0.0 if free.all() else h[free][:, ~free] @ values[~free])
-        values[free] = _solver(_part(h, free), _free_names(names, free))(rest)
+        values[free] = solver(_part(h, free), compress(names, free))(rest)
         outside = free & ((values < lower) | (values > upper))
         if not outside.any():
             break
@@ -400,31 +401,28 @@ def _part(h: Floats | csc_array, free: Bools) -> Floats | csc_array:
     return h if free.all() else h[free][:, free]
 
 
-def _free_names(names: tuple[str, ...], free: Bools) -> list[str]:
-    return [name for name, is_free in zip(names, free, strict=True) if is_free]
-
-
-def _solver(h: Floats | csc_array, names: list[str]) -> Callable[[Floats], Floats]:
+def solver(h: Floats | csc_array, every: Iterable[str]) -> Callable[[Floats], Floats]:
     """A function that multiplies by h^-1, equilibrated.
 
     Raises IdentificationError, naming collinear parameters, where h is not positive definite.
     """
-    diagonal = h.diagonal()
+    diagonal, names = h.diagonal(), list(every)
     if not np.isfinite(diagonal).all():
-        not_finite = ", ".join(names[i] for i in np.flatnonzero(~np.isfinite(diagonal)))
+        not_finite = ", ".join(compress(names, ~np.isfinite(diagonal)))
         raise IdentificationError(
             f"the law with {not_finite} is not finite over the whole motion of the record: write it for both signs of d, as "
             "in sqrt(abs(d))*sign(d), or cut the record with record.between",
             arguments=("earliest", "latest"),
         )
     if np.any(diagonal <= 0.0):
-        _raise_not_identifiable([names[i] for i in np.flatnonzero(diagonal <= 0.0)])
+        _raise_not_identifiable(list(compress(names, diagonal <= 0.0)))
     scale = 1.0 / np.sqrt(diagonal)
     if isinstance(h, np.ndarray):
         scaled = h * np.outer(scale, scale)
         factor, failed = dpotrf(scaled)
         if failed or not np.min(factor.diagonal()) ** 2 >= SINGULAR:
-            _raise_not_identifiable(_null_names(scaled, names))
+            weight = np.abs(np.linalg.eigh(scaled)[1][:, 0])  # of the smallest eigenvalue
+            _raise_not_identifiable(list(compress(names, weight > 0.2 * weight.max())))
         return lambda right: np.asarray((dpotrs(factor, (right.T * scale).T)[0].T * scale).T)
     scaled = csc_array(h.multiply(scale[:, None]).multiply(scale[None, :]))
     sparse = scipy.sparse.linalg.splu(scaled)
@@ -432,12 +430,6 @@ def _solver(h: Floats | csc_array, names: list[str]) -> Callable[[Floats], Float
     if pivots.min() < SINGULAR:
         _raise_not_identifiable([names[int(np.flatnonzero(sparse.perm_c == np.argmin(pivots))[0])]])
     return lambda right: np.asarray(sparse.solve(right * scale) * scale)
-
-
-def _null_names(scaled: Floats, names: list[str]) -> list[str]:
-    """The parameters in the direction of the smallest eigenvalue."""
-    weight = np.abs(np.linalg.eigh(scaled)[1][:, 0])
-    return [name for name, share in zip(names, weight, strict=True) if share > 0.2 * weight.max()]
 
 
 def _raise_not_identifiable(names: list[str]) -> NoReturn:
@@ -460,10 +452,9 @@ def _covariance(
     count, indices = len(free), np.flatnonzero(free)
     inner, middle = _part(normal, free), _part(scatter, free)
     if isinstance(inner, np.ndarray):
-        names = _free_names(system.parameters, free)
         covariance = np.zeros((count, count))
-        if names:
-            solve = _solver(inner, names)
+        if len(indices):
+            solve = solver(inner, compress(system.parameters, free))
             covariance[np.ix_(indices, indices)] = solve(solve(middle).T)
         return 0.5 * (covariance + covariance.T)
     if not len(indices):
@@ -525,16 +516,14 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
             'use method "ml", or state numbers'
         )
     covariance = fit.covariance
-    mean = np.array([p.start or 0.0 for p in parameters])[known]
-    variance = np.array([p.sigma for p in parameters])[known] ** 2
+    stated = [(p.start or 0.0, p.sigma, p.lower, p.upper) for p in parameters]
+    mean, deviation, lower, upper = np.array(stated).T
     given = np.isin(np.arange(len(parameters)), known)
-    innovation = covariance[np.ix_(known, known)] + np.diag(variance)
+    innovation = covariance[np.ix_(known, known)] + np.diag(deviation[known] ** 2)
     unit = np.sqrt(innovation.diagonal())
-    missed = mean - fit.values[known]
+    missed = (mean - fit.values)[known]
     gain = np.linalg.solve(innovation / np.outer(unit, unit), covariance[known] / unit[:, None]).T / unit
     contradicted = tuple(parameters[i].name for i in known[np.abs(missed) > _CONTRADICTED * unit].tolist())
-    lower = np.array([p.lower for p in parameters])
-    upper = np.array([p.upper for p in parameters])
     joined = replace(
         fit,
         values=np.clip(fit.values + gain @ missed, lower, upper),

@@ -169,19 +169,19 @@ class StructureLayout:
             for number, element in enumerate(self.elements)
             if any((element.link, name) in self.parameter_index for name in element.law.coefficients)
         }
-        return frozenset(
-            node
-            for node, elements in enumerate(self.elements_at)
-            if not unknown.isdisjoint(elements) or (-1 - node, "mass") in self.parameter_index
-        )
+        weighed = {node for node in range(self.equations) if (-1 - node, "mass") in self.parameter_index}
+        return self._nodes_with(unknown) | weighed
 
     @cached_property
     def masses_needing_rate(self) -> frozenset[int]:
         """Nodes whose equation has a law that needs a smoothed v."""
         groups = self.groups(range(len(self.elements)))
         rated = {number for group in groups if group.weak_law.needs_rate for number in group.links.tolist()}
-        every = enumerate(self.elements_at)
-        return frozenset(node for node, elements in every if not rated.isdisjoint(elements))
+        return self._nodes_with(rated)
+
+    def _nodes_with(self, elements: set[int]) -> frozenset[int]:
+        """Nodes in whose equation one of some elements acts."""
+        return frozenset(node for node, own in enumerate(self.elements_at) if not elements.isdisjoint(own))
 
     @cached_property
     def nonlinear(self) -> frozenset[int]:

@@ -124,14 +124,8 @@ class WeakLaw:
     def _program(self) -> Program:
         every = (function for chain in self._derivatives for function in chain)
         varying = [function for function in every if not isinstance(function, Number)]
-        return self._compiled(varying)
-
-    def _compiled(self, functions: Sequence[Expression]) -> Program:
-        return Program(functions, ("d", "v", _VARIANCE, *self.inside), wide=(*VARIABLES, *self._signals))
-
-    @property
-    def _signals(self) -> tuple[str, ...]:
-        return tuple(name for name in self.law.signals if name in self.inside)
+        signals = [name for name in self.law.signals if name in self.inside]
+        return Program(varying, ("d", "v", _VARIANCE, *self.inside), wide=(*VARIABLES, *signals))
 
     def evaluate(
         self, d: Floats, v: Floats | float, variance: Floats, values: Mapping[str, Floats]
@@ -159,12 +153,6 @@ class WeakLaw:
             for chain in self._derivatives
         ]
 
-    @cached_property
-    def _rate_program(self) -> Program:
-        chains = zip(self.parts, self._derivatives, strict=True)
-        rated = [chain[0] for part, chain in chains if part.needs_rate]
-        return self._compiled(rated)
-
     def rate_slopes(
         self, d: Floats, v: Floats, variance: Floats, deviation: Floats, values: Mapping[str, Floats]
     ) -> list[Floats | None]:
@@ -182,12 +170,11 @@ class WeakLaw:
         list of (array or None)
             For each part the slope, of the shape of d; None where it needs no rate.
         """
-        inside = [values[name] for name in self.inside]
-        above, below = (
-            self._rate_program(d, v + sign * deviation, variance, *inside) for sign in (1.0, -1.0)
-        )
-        slopes = iter([(high - low) / (2.0 * deviation) for high, low in zip(above, below, strict=True)])
-        return [next(slopes) if part.needs_rate else None for part in self.parts]
+        above, below = (self.evaluate(d, v + sign * deviation, variance, values) for sign in (1.0, -1.0))
+        return [
+            (high - low) / (2.0 * deviation) if part.needs_rate else None
+            for part, (high, *_), (low, *_) in zip(self.parts, above, below, strict=True)
+        ]
 
 
 @lru_cache(maxsize=512)
@@ -383,6 +370,12 @@ class PatchLayout:
     incidence: Floats
     readings: Floats
     link_incidence: Floats
+
+    @property
+    def inertial(self) -> slice:
+        """The terms of inertia, one for each mass, which those of applied forces follow."""
+        end = len(self.kernel) - len(self.forced)
+        return slice(end - len(self.masses), end)
 
     @cached_property
     def free_terms(self) -> Indices:

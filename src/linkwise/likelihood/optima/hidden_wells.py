@@ -68,16 +68,9 @@ def fit_about_rest(
     hidden = _hidden_links(structure, records[0].channels)
     if not hidden or (first is not None and _leaves_no_doubt(first, structure, hidden)):
         return None
-    centred = structure
-    for number in hidden:
-        centred = _centred(centred, number)
-    shared = {p.name for p in structure.parameters} & {p.name for p in centred.parameters}
-    freed = {f"{structure.links[number].name}." for number in hidden}
-    stated = {
-        name: value
-        for name, value in (given or {}).items()
-        if name in shared and not any(name.startswith(prefix) for prefix in freed)
-    }
+    centred, freed = _centred(structure, hidden), {structure.links[number].name for number in hidden}
+    kept = {p.name for p in structure.parameters if p.name.owner not in freed}
+    stated = {name: value for name, value in (given or {}).items() if name in kept}
     search = partial(likelihood_fit, records)
     try:
         theta, _ = starting_values(records, centred, stated)
@@ -145,15 +138,13 @@ def _leaves_no_doubt(fit: LikelihoodFit, structure: Structure, hidden: Mapping[i
     return bool((np.abs(fit.values) > _CERTAIN * errors)[own].all())
 
 
-def _centred(structure: Structure, number: int) -> Structure:
-    """The structure with a term in d**2 in a link, whose coefficients, as far as the law is linear in them, are unknown."""
+def _centred(structure: Structure, hidden: Mapping[int, int]) -> Structure:
+    """The structure with a term in d**2 in hidden links, whose coefficients are unknown as far as laws are linear in them."""
     links = list(structure.links)
-    coefficients = {
-        name: Coefficient.unknown() if name in links[number].law.linear else coefficient
-        for name, coefficient in links[number].coefficients.items()
-    }
-    freed = replace(links[number], coefficients=coefficients)
-    links[number] = with_term(freed, "{0}*d**2", {"skew": Coefficient.unknown()})
+    for number in hidden:
+        linear = dict.fromkeys(links[number].law.linear, Coefficient.unknown())
+        freed = replace(links[number], coefficients={**links[number].coefficients, **linear})
+        links[number] = with_term(freed, "{0}*d**2", {"skew": Coefficient.unknown()})
     return replace(structure, links=tuple(links))
 
 

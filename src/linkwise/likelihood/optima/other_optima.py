@@ -169,15 +169,17 @@ def is_quadratic(
     bool
         Whether it does.
     """
-    free = _tested(fit, faint)
-    root = _root_of_covariance(fit, free)
-    directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(free)))
-    directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
-    return root is None or all(
-        _is_expected(*rise(fit, *_held(fit, free, side * (root @ direction)), _DISTANCE), factor)
-        for direction in directions
-        for side in sides
-    )
+
+    def random(root: Floats) -> Floats:
+        directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(root)))
+        directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
+        return np.asarray(directions @ root.T)
+
+    for moved in _moves(fit, faint, random, sides):
+        rise, converged = rise_of(fit, *moved, _DISTANCE)
+        if not (1.0 / factor < rise < factor if converged else rise < _IRREGULAR_UNCONVERGED):
+            return False
+    return True
 
 
 def rises_in_weak_directions(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
@@ -195,13 +197,23 @@ def rises_in_weak_directions(fit: LikelihoodFit, faint: Sequence[str] = ()) -> b
     bool
         Whether it does.
     """
-    free = _tested(fit, faint)
+    weak = _moves(fit, faint, lambda root: _FAR * root.T[-_WEAKEST:], _BOTH)
+    return all(rises_by(_TOO_LITTLE, fit, *moved, _FAR) for moved in weak)
+
+
+def _moves(
+    fit: LikelihoodFit, faint: Sequence[str], steps: Callable[[Floats], Floats], sides: Sequence[float]
+) -> Iterator[tuple[Floats, Bools]]:
+    """All parameters after `steps` (k, f) of the f that are free and not `faint` to some sides, from the principal axes of
+    their covariance, and that all are held; nothing where there is no covariance.
+    """
+    free = np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
     root = _root_of_covariance(fit, free)
-    return root is None or all(
-        rises_by(_TOO_LITTLE, fit, *_held(fit, free, side * _FAR * weak), _FAR)
-        for weak in root.T[-_WEAKEST:]
-        for side in _BOTH
-    )
+    for step in () if root is None else steps(root):
+        for side in sides:
+            theta = fit.optimum.point.theta.copy()
+            theta[free] += side * step
+            yield theta, np.ones(len(theta), dtype=bool)
 
 
 def profiles_rise(fit: LikelihoodFit, least: float = _TOO_LITTLE) -> bool:
@@ -261,7 +273,7 @@ def rises_by(least: float, fit: LikelihoodFit, theta: Floats, is_fixed: Bools, d
     bool
         Whether it is.
     """
-    return rise(fit, theta, is_fixed, distance, enough=least)[0] > least
+    return rise_of(fit, theta, is_fixed, distance, enough=least)[0] > least
 
 
 def along_profile(fit: LikelihoodFit, column: int, distance: float) -> tuple[Floats, Bools]:
@@ -269,18 +281,6 @@ def along_profile(fit: LikelihoodFit, column: int, distance: float) -> tuple[Flo
     covariance = _covariance(fit)
     step = distance * covariance[column] / np.sqrt(covariance[column, column])
     return fit.optimum.point.theta + step, np.arange(len(step)) == column
-
-
-def _held(fit: LikelihoodFit, moved: Indices, step: Floats) -> tuple[Floats, Bools]:
-    """All parameters, some of them moved by a step (f,), and that they are held."""
-    theta = fit.optimum.point.theta.copy()
-    theta[moved] += step
-    return theta, np.ones(len(theta), dtype=bool)
-
-
-def _tested(fit: LikelihoodFit, faint: Sequence[str]) -> Indices:
-    """The parameters that are free and not `faint`."""
-    return np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
 
 
 def _covariance(fit: LikelihoodFit) -> Floats:
@@ -302,12 +302,7 @@ def _root_of_covariance(fit: LikelihoodFit, free: Indices) -> Floats | None:
     return np.asarray(scale[:, None] * (vectors * np.sqrt(np.maximum(variances, 0.0))))
 
 
-def _is_expected(rise: float, converged: bool, factor: float) -> bool:
-    """Whether a rise of the cost over that expected is quadratic, within a factor."""
-    return bool(1.0 / factor < rise < factor if converged else rise < _IRREGULAR_UNCONVERGED)
-
-
-def rise(
+def rise_of(
     fit: LikelihoodFit, theta: Floats, is_fixed: Bools, distance: float, *, enough: float = np.inf
 ) -> tuple[float, bool]:
     """The rise of -2 log likelihood over that expected at a `distance` in standard errors, and whether the orbit was found.

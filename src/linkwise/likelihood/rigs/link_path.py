@@ -34,37 +34,27 @@ def _programs(law: Law, free: tuple[str, ...]) -> tuple[Program, Program]:
     return Program(newton, names, wide=law.variables), Program(slopes, names, wide=law.variables)
 
 
-@dataclass(frozen=True, eq=False)
-class StateEquations:
-    """Factorised linearised equations of the states (S) at the nodes (J), the first of which is given."""
+def _solved(slopes: Floats, step: float, right: Floats, *, transposed: bool = False) -> Floats:
+    """What the linearised equations of the states (S) at the nodes (J), the first of which is given, make of right-hand sides
+    (J - 1, S, q), by the derivatives (J, S, S) of the rates by states.
 
-    factors: Floats
-    pivots: Floats
-    count: int
-
-    @classmethod
-    def of(cls, slopes: Floats, step: float) -> StateEquations:
-        """Of the derivatives (J, S, S) of the rates by states."""
-        nodes, count, _ = slopes.shape
-        half = 0.5 * step * slopes
-        lower, upper = 2 * count - 1, count - 1
-        bands = np.zeros((2 * lower + upper + 1, (nodes - 1) * count))
-        unit = np.eye(count)
-        for row in range(count):
-            for column in range(count):
-                ahead = unit[row, column] - half[1:, row, column]
-                behind = -unit[row, column] - half[1:-1, row, column]
-                bands[lower + upper + row - column, column::count] = ahead
-                bands[lower + upper + row - column + count, column:-count:count] = behind
-        factors, pivots, _ = lapack.dgbtrf(bands, lower, upper, overwrite_ab=1)
-        return cls(factors, pivots, count)
-
-    def solve(self, right: Floats, *, transposed: bool = False) -> Floats:
-        """Solution for right-hand sides (J - 1, S, q)."""
-        lower, upper = 2 * self.count - 1, self.count - 1
-        flat = right.reshape(-1, right.shape[-1])
-        solved, _ = lapack.dgbtrs(self.factors, lower, upper, flat, self.pivots, trans=int(transposed))
-        return np.asarray(solved).reshape(right.shape)
+    Transposed they run backwards in time.
+    """
+    half, unit, count = 0.5 * step * slopes, np.eye(slopes.shape[1]), slopes.shape[1]
+    ahead, behind = unit - half[1:], -unit - half[1:-1]
+    if transposed:
+        ahead, behind = ahead[::-1].swapaxes(1, 2), behind[::-1].swapaxes(1, 2)
+    lower, upper = 2 * count - 1, count - 1
+    bands = np.zeros((2 * lower + upper + 1, len(ahead) * count))
+    for row, column in np.ndindex(count, count):
+        place = lower + upper + row - column
+        bands[place, column::count] = ahead[:, row, column]
+        bands[place + count, column:-count:count] = behind[:, row, column]
+    ordered = right[::-1] if transposed else right
+    flat = ordered.reshape(-1, right.shape[-1])
+    *_, solved, singular = lapack.dgbsv(lower, upper, bands, flat, overwrite_ab=1)
+    solved = np.full(right.shape, np.nan) if singular else solved.reshape(right.shape)
+    return np.asarray(solved[::-1] if transposed else solved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +87,7 @@ class LinkPath:
             missed = np.diff(states, axis=0) - 0.5 * step * (rates[1:] + rates[:-1])
             if not (np.isfinite(missed).all() and np.isfinite(slopes).all()):
                 break
-            change = StateEquations.of(slopes, step).solve(missed[..., None])[..., 0]
+            change = _solved(slopes, step, missed[..., None])[..., 0]
             states[1:] -= change
             size = np.abs(states).max()
             converged = bool(np.abs(change).max() <= _TOLERANCE * (size + 1e-300) and size < _LARGEST)
@@ -117,9 +107,7 @@ class LinkPath:
         slopes = program(self.d, self.v, *self.states.T, *self.values)
         count, width = len(self.law.states), 2 + len(self.law.states) + len(free)
         rows = np.stack(slopes, axis=1).reshape(len(self.d), 1 + count, width)
-        by_state = rows[:, 1:, 2 : 2 + count]
-        equations = StateEquations.of(by_state, self.step) if count else None
-        return LinkTangents(rows, self.step, count, equations)
+        return LinkTangents(rows, self.step, count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +119,6 @@ class LinkTangents:
     rows: Floats
     step: float
     count: int
-    equations: StateEquations | None
 
     def by_unknowns(self) -> Floats:
         """(J, c + S) by coefficients and initial states, and by d (one column more), held for the whole motion."""
@@ -148,22 +135,22 @@ class LinkTangents:
 
     def _followed(self, pushed: Floats, first: Floats) -> Floats:
         """Changes (J, q) of the force where it and the rates are `pushed` (J, 1 + S, q), and the states at first (S, q)."""
-        if self.equations is None:
+        if not self.count:
             return pushed[:, 0]
         half, by_state = 0.5 * self.step, self.rows[:, :, 2 : 2 + self.count]
         right = half * (pushed[1:, 1:] + pushed[:-1, 1:])
         right[0] += first + half * by_state[0, 1:] @ first
-        states = np.concatenate([first[None], self.equations.solve(right)])
+        states = np.concatenate([first[None], _solved(by_state[:, 1:], self.step, right)])
         return np.asarray(pushed[:, 0] + np.einsum("js,jsq->jq", by_state[:, 0], states))
 
     def to_motion(self, weights: Floats) -> tuple[Floats, Floats]:
         """Derivatives (J, q) of sums of forces, weighted with (J, q), by d and by v at every node."""
         count, rows = self.count, self.rows
         by_motion = [weights * rows[:, 0, column, None] for column in (0, 1)]
-        if self.equations is None:
+        if not count:
             return by_motion[0], by_motion[1]
         sources = rows[:, 0, 2 : 2 + count, None] * weights[:, None, :]
-        pulled = self.equations.solve(sources[1:], transposed=True)
+        pulled = _solved(rows[:, 1:, 2 : 2 + count], self.step, sources[1:], transposed=True)
         both = np.zeros((len(rows), *pulled.shape[1:]))
         both[1:] += pulled
         both[:-1] += pulled

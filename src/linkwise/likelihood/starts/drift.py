@@ -61,30 +61,10 @@ class LinkSignals:
     step: float
 
 
-def determines_links(record: Record, structure: Structure) -> bool:
-    """Whether inverse dynamics applies: each mass is known and has a sensor, and the links form a tree on a support.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    structure : Structure
-        The structure.
-
-    Returns
-    -------
-    bool
-        Whether it does.
-    """
-    shown = all(record.motions_of(name) for name in structure.mass_names)
-    weighed = all(mass.mass.value is not None for mass in structure.masses)
-    incidence = structure.incidence.toarray()
-    square = incidence.shape[0] == incidence.shape[1]
-    return shown and weighed and square and bool(np.linalg.matrix_rank(incidence) == len(incidence))
-
-
 def needs_integration(record: Record, structure: Structure) -> bool:
     """Whether inverse dynamics applies and some displacement is known by integration only.
+
+    It applies where each mass is known and has a sensor, and the links form a tree on a support.
 
     Parameters
     ----------
@@ -99,11 +79,17 @@ def needs_integration(record: Record, structure: Structure) -> bool:
         Whether it does.
     """
     displaced = all(f"x:{name}" in record.channels for name in structure.mass_names)
-    return not displaced and determines_links(record, structure)
+    shown = all(record.motions_of(name) for name in structure.mass_names)
+    weighed = all(mass.mass.value is not None for mass in structure.masses)
+    if displaced or not (shown and weighed):
+        return False
+    incidence = structure.incidence.toarray()
+    square = incidence.shape[0] == incidence.shape[1]
+    return square and bool(np.linalg.matrix_rank(incidence) == len(incidence))
 
 
 def link_signals(record: Record, structure: Structure, sigma: dict[str, float]) -> LinkSignals:
-    """Signals of the links, where `determines_links` holds.
+    """Signals of the links, where `needs_integration` holds.
 
     Parameters
     ----------

@@ -557,13 +557,11 @@ def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]
 
 
 def with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:
-    """A structure with other starts of unknown coefficients."""
-    links = list(structure.links)
-    for number, link in enumerate(links):
-        own = {
-            name: replace(coefficient, value=values[f"{link.name}.{name}"])
-            for name, coefficient in link.coefficients.items()
-            if f"{link.name}.{name}" in values
-        }
-        links[number] = replace(link, coefficients={**link.coefficients, **own}) if own else link
-    return replace(structure, links=tuple(links))
+    """A structure with other starts of unknown coefficients of links and modes; other values are left out."""
+    names = {f"{link.name}.{name}" for link in structure.links for name in link.coefficients}
+    own = {
+        name: replace(structure.coefficient(name), value=value)
+        for name, value in values.items()
+        if name in names
+    }
+    return structure.with_coefficients(own)

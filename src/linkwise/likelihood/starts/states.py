@@ -16,10 +16,10 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
 from linkwise.likelihood.starts.drift import (
-    determines_links,
     elongations_from_forces,
     link_signals,
     masses_from_links,
+    needs_integration,
 )
 from linkwise.likelihood.starts.link_states import link_states, signals_of
 from linkwise.likelihood.starts.values import host_motion
@@ -170,12 +170,9 @@ def _states_with_hosts(record: Record, structure: Structure, sigma: dict[str, fl
 
 def _motion(record: Record, structure: Structure, sigma: dict[str, float]) -> tuple[Floats, Floats]:
     """Displacements and velocities (n, N), zero for masses without a sensor."""
-    integrated = any(
-        channels[0].kind != "x" for name in structure.mass_names if (channels := record.motions_of(name))
-    )
     numbers = all(c.value is not None for link in structure.links for c in link.coefficients.values())
     of_states = _forces_of_states(record, structure, sigma)
-    if integrated and numbers and of_states is not None and determines_links(record, structure):
+    if numbers and of_states is not None and needs_integration(record, structure):
         signals = link_signals(record, structure, sigma)
         signals = replace(signals, force=signals.force - of_states)
         return masses_from_links(record, structure, *elongations_from_forces(signals, structure.links))

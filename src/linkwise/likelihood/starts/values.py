@@ -322,8 +322,6 @@ class HostMotion:
 
     def with_drift_tracked(self, structure: Structure) -> HostMotion:
         """The motion with elongations that are known up to drift taken from the forces, all laws being known."""
-        if not self.signals.integration_order.any():
-            return self
         d, v = elongations_from_forces(self.signals, structure.links)
         return replace(
             self,
@@ -359,14 +357,9 @@ def smoothed_motion(record: Record, linear: LinearPart, sigma: Mapping[str, floa
     try:
         _, change = likeliest_change(record, linear, sigma)
         model = linear.model(record, sigma, change)
-        smoothed = smooth(model, samples_of(record, linear), inputs_of(record))
+        states, smoothed = smooth(model, samples_of(record, linear), inputs_of(record))
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
-    return _motion(linear, *smoothed, record.step)
-
-
-def _motion(linear: LinearPart, states: Floats, smoothed: Floats, step: float) -> HostMotion:
-    """The motion by `states` (N, m) with a covariance `smoothed` (m, m)."""
     structure, open_links = linear.structure, list(linear.open)
     n, u = structure.size, len(open_links)
     x, v, inside = np.split(states[:, : 2 * n + u].T, [n, 2 * n])
@@ -381,7 +374,7 @@ def _motion(linear: LinearPart, states: Floats, smoothed: Floats, step: float) -
     walk[open_links] = deviation[2 * n :] / linear.masses
     order = np.where(np.isin(np.arange(len(d)), open_links) & drifts & ~remembers, 2, 0)
     coupling = (covariance @ incidence) / np.where(variance > 0.0, variance, 1.0)
-    signals = LinkSignals(d, rate, force, order, walk, step)
+    signals = LinkSignals(d, rate, force, order, walk, record.step)
     return HostMotion(x, v, deviation[: 2 * n], signals, linear.open, coupling)
 
 
