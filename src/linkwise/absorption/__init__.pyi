@@ -10,11 +10,11 @@ from linkwise.absorption.intervals import absorption_intervals as absorption_int
 from linkwise.absorption.map import AbsorptionMap as AbsorptionMap
 from linkwise.absorption.map import SweepAxis as SweepAxis
 from linkwise.absorption.map import absorption_map as absorption_map
-from linkwise.absorption.motion import AbsorptionRun as AbsorptionRun
 from linkwise.absorption.result import Harvest as Harvest
 from linkwise.absorption.result import MassChange as MassChange
 from linkwise.absorption.result import MassDecay as MassDecay
 from linkwise.absorption.result import SinkResult as SinkResult
+from linkwise.absorption.runs import AbsorptionRun as AbsorptionRun
 from linkwise.absorption.search import DesignAxis as DesignAxis
 from linkwise.absorption.sinks import Sink as Sink
 

@@ -14,8 +14,8 @@ from typing import Any, Unpack, final
 
 import numpy as np
 
-from linkwise.absorption.motion import AbsorptionRun, barriers, rest_positions, single_run
 from linkwise.absorption.result import Absorption, Harvest, MassChange, MassDecay, SinkResult
+from linkwise.absorption.runs import AbsorptionRun, barriers, rest_positions, single_run
 from linkwise.absorption.sinks import (
     SUFFIX,
     Sink,
@@ -181,19 +181,15 @@ def _removed(
 def _locked(
     structure: Structure, sinks: Sequence[Sink], excitation: Excitation
 ) -> tuple[Structure, Excitation]:
-    hosted = [
-        (sink, f"point {sink.host}", "change the modes of the host")
-        for sink in sinks
-        if {sink.host, sink.mass} & set(structure.points)
-    ]
-    fixed = [
-        (sink, sink.host, "hold its mass still")
-        for sink in sinks
-        if sink.mass is None or sink.host in (GROUND, BASE)
-    ]
-    for sink, place, effect in hosted + fixed:
+    for sink in sinks:
+        if {sink.host, sink.mass} & set(structure.points):
+            locked = f"point {sink.host}: locked, it would change the modes of the host"
+        elif sink.mass is None or sink.host in (GROUND, BASE):
+            locked = f"{sink.host}: locked, it would hold its mass still"
+        else:
+            continue
         raise StructureError(
-            f"the sink is linked to the {place}: locked, it would {effect}; compare with the sinks removed",
+            f"the sink is linked to the {locked}; compare with the sinks removed",
             f'link "{sink.link}"',
             arguments=("without",),
         )

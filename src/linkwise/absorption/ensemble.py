@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.absorption.absorb import Comparison, without_sinks
-from linkwise.absorption.motion import (
+from linkwise.absorption.runs import (
     AbsorptionRun,
     Decay,
     comparable,

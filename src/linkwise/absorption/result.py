@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.absorption.motion import AbsorptionRun, comparable, reduction
+from linkwise.absorption.runs import AbsorptionRun, comparable, reduction
 from linkwise.absorption.sinks import Sink, damping_unit
 from linkwise.analysis.rest_positions import hilltop_finding
 from linkwise.arrays import Floats, finite

@@ -1,4 +1,4 @@
-"""Harvesters, which links are sinks, which mass each of them carries, and how the masses and hosts move that they act on.
+"""Which links are sinks, which mass each of them carries, what dissipates, and harvesters.
 
 A sink is a link to a small mass that takes vibration away from the other, primary masses. A bistable one (paper Eq. 1)
 has two stable wells.
@@ -15,11 +15,9 @@ import numpy as np
 import scipy
 
 from linkwise.analysis.potential_wells import wells
-from linkwise.arrays import Floats
 from linkwise.errors import LawError, SimulationError, StructureError
 from linkwise.expression import Expression, Program, parse, symbols, to_text
 from linkwise.expression.dimensions import METRE, METRE_PER_SECOND, NEWTON, UnitConflict, infer
-from linkwise.model.host import Host
 from linkwise.model.law import Law, unit_dimension
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
@@ -123,15 +121,6 @@ def _sink(structure: Structure, name: str) -> Sink:
     return Sink(name, mass, next(end for end in ends if end != mass))
 
 
-def place_motion(structure: Structure, x: Floats, places: Sequence[str]) -> Floats:
-    """(N, P) m: motion of P masses or points of a structure, from that (N, n) of its masses and modes."""
-    moved = np.zeros((len(x), len(places)))
-    for column, place in enumerate(places):
-        for number, part in structure.topology.weights(structure.topology.index[place]):
-            moved[:, column] += part * x[:, number]
-    return moved
-
-
 def dissipators(structure: Structure) -> dict[str, list[int]]:
     """What dissipates, by name, with the numbers of its links: hosts by all their modes, then every other link."""
     numbers = {link.name: number for number, link in enumerate(structure.links)}
@@ -140,15 +129,6 @@ def dissipators(structure: Structure) -> dict[str, list[int]]:
         name = host.name if host.name not in numbers else f"{host.name} (modes)"
         hosts[name] = [numbers[link.name] for link in host.parts()[1]]
     return hosts | {name: [number] for name, number in numbers.items() if name not in structure.modes}
-
-
-def host_energy(structure: Structure, host: Host, x: Floats, v: Floats) -> Floats:
-    """(N,) J: kinetic and potential energy of the modes of a host, from the motion (N, n) of masses and modes."""
-    energy = np.zeros(len(x))
-    for mode in host.coordinates:
-        number, link = structure.mass_names.index(mode), structure.link(mode)
-        energy += 0.5 * v[:, number] ** 2 + link.potential(x[:, number])
-    return energy
 
 
 SUFFIX = "-harvester"

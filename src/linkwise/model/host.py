@@ -202,28 +202,6 @@ def in_words(link: str) -> str:
     )
 
 
-def negated_mode(host: str, mode: int) -> str:
-    """Name of the place that moves as a mode does, in the other direction: an end of the damper on a sum."""
-    return f"{host}.-mode{mode}"
-
-
-def damping_links(host: str, entries: Mapping[Pair, Coefficient]) -> tuple[Link, ...]:
-    """The dampers of all entries: that with the coefficient first, then the one that shares it."""
-    links = []
-    for pair, entry in entries.items():
-        name = damping_link(host, pair)
-        first, second = (f"{host}.mode{number}" for number in pair)
-        if first == second:
-            links.append(Link(name, (first, GROUND), _OF_ONE, {DAMPING: entry}))
-            continue
-        shared = Coefficient.shared(f"{name}.{DAMPING}")
-        links += [
-            Link(name, (first, negated_mode(host, pair[1])), _OF_SUM, {DAMPING: entry}),
-            Link(f"{first}-mode{pair[1]}", (first, second), _OF_DIFFERENCE, {DAMPING: shared}),
-        ]
-    return tuple(links)
-
-
 def entries_of(matrix: Floats, where: str) -> dict[Pair, float]:
     """Entries of a whole damping matrix (n, n) in N s/m, without those that are 0.
 
@@ -364,7 +342,7 @@ class Host:
     def negated(self) -> dict[str, str]:
         """Places that move as modes do in the other direction, with these modes: ends of the dampers between modes."""
         numbers = dict.fromkeys(second for first, second in self.damping if first != second)
-        return {negated_mode(self.name, number): self.coordinates[number - 1] for number in numbers}
+        return {f"{self.name}.-mode{number}": self.coordinates[number - 1] for number in numbers}
 
     def shape(self, point: str) -> dict[str, float]:
         """Shape at a point.
@@ -511,14 +489,25 @@ class Host:
         masses : tuple of Mass
             The modal coordinates.
         links : tuple of Link
-            Their stiffness and damping, with the law `MODE_LAW`, and the dampers between them.
+            Their stiffness and damping, with the law `MODE_LAW`, and the dampers between them, of each pair that with the
+            coefficient first, then the one that shares it.
         """
         masses = tuple(Mass(name, 1.0) for name in self.coordinates)
-        links = tuple(
+        links = [
             Link(name, (name, GROUND), MODE_LAW, {"frequency": mode.frequency, "damping": mode.damping})
             for name, mode in zip(self.coordinates, self.modes, strict=True)
-        )
-        return masses, (*links, *damping_links(self.name, self.entries))
+        ]
+        for pair, entry in self.entries.items():
+            name, (first, second) = damping_link(self.name, pair), (self.coordinates[n - 1] for n in pair)
+            if first == second:
+                links.append(Link(name, (first, GROUND), _OF_ONE, {DAMPING: entry}))
+                continue
+            shared = Coefficient.shared(f"{name}.{DAMPING}")
+            links += [
+                Link(name, (first, f"{self.name}.-mode{pair[1]}"), _OF_SUM, {DAMPING: entry}),
+                Link(f"{first}-mode{pair[1]}", (first, second), _OF_DIFFERENCE, {DAMPING: shared}),
+            ]
+        return masses, tuple(links)
 
 
 def _to_within(given: Coefficient, part: float, lower: float = 0.0, *, at_least: bool) -> Coefficient:

@@ -17,8 +17,8 @@ from matplotlib.ticker import EngFormatter
 from linkwise.absorption.design import Design
 from linkwise.absorption.intervals import AbsorptionIntervals, Answer, without_intervals
 from linkwise.absorption.map import AbsorptionMap, SweepAxis
-from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
+from linkwise.absorption.runs import TAIL
 from linkwise.absorption.search import DesignAxis
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import require_known

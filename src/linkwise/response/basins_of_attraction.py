@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,6 @@ from linkwise.records.channel_units import unit_in
 from linkwise.response.options import shown_channels
 from linkwise.response.shooting import channel_rows, free_phase
 from linkwise.simulation.energy import kinetic_energy, potential_energy
-from linkwise.simulation.integrator.formulas import PhaseIntegrator
 from linkwise.verdict import UNGRADED, Basis, Verdict
 
 _TURNS = 10  # periods of the slowest mode between two looks at the energy
@@ -182,48 +181,41 @@ def basins(
         message = "basins start from states of masses or modes; a point of a host moves as its modes do"
         raise SimulationError(message)
     first, second = (np.linspace(low, high, points) for low, high in plane.values())
-    free = _MotionToRest.of(structure)
+    rests, end = _motion_to_rest(structure)
     ends = np.empty((points, points), dtype=np.intp)
     for row, value in enumerate(first):
         progress(ProgressReport(row / points, "free motion"))
         for column, other in enumerate(second):
-            ends[row, column] = free.end(rows[0] * value + rows[1] * other)
-    return Basins(structure, (channels[0], channels[1]), (first, second), free.rests, ends)
+            ends[row, column] = end(rows[0] * value + rows[1] * other)
+    return Basins(structure, (channels[0], channels[1]), (first, second), rests, ends)
 
 
-@dataclass(frozen=True, eq=False)
-class _MotionToRest:
-    """The free motion of a structure, its stable `rests` (W, n) and the energy in J of its lowest `barrier`."""
+def _motion_to_rest(structure: Structure) -> tuple[Floats, Callable[[Floats], int]]:
+    """The stable rest positions (W, n) of a structure, and what gives the number of that where free motion from a state (2n,)
+    ends, -1 where that is not decided.
 
-    structure: Structure
-    integrator: PhaseIntegrator
-    rests: Floats
-    barrier: float
-    omega: float
+    Raises StructureError for a structure without a stable equilibrium, and for laws with kinks.
+    """
+    equilibrium = equilibria(structure)
+    if not equilibrium.stable:
+        raise StructureError("no stable equilibrium was found, so motion has nowhere to end")
+    integrator, size = free_phase(structure, structure.shape_key[1]), structure.size
+    frequencies = modes(structure, equilibrium.stable[0].x).frequencies
+    omega = 2.0 * np.pi * float(frequencies[frequencies > 0.0].min())
+    barrier = min((point.energy for point in equilibrium if not point.stable), default=np.inf)
+    rests = np.array([point.x for point in equilibrium.stable])
+    phases: Floats = 2.0 * np.pi * np.arange(_TURNS + 1, dtype=float)
 
-    @classmethod
-    def of(cls, structure: Structure) -> _MotionToRest:
-        """Raises StructureError for a structure without a stable equilibrium, and for laws with kinks."""
-        points = equilibria(structure)
-        if not points.stable:
-            raise StructureError("no stable equilibrium was found, so motion has nowhere to end")
-        integrator = free_phase(structure, structure.shape_key[1])
-        slowest = modes(structure, points.stable[0].x).frequencies
-        omega = 2.0 * np.pi * float(slowest[slowest > 0.0].min())
-        barrier = min((point.energy for point in points if not point.stable), default=np.inf)
-        return cls(structure, integrator, np.array([point.x for point in points.stable]), barrier, omega)
-
-    def end(self, state: Floats) -> int:
-        """The number of the rest position where the motion from a state (2n,) ends; -1 where that is not decided."""
-        phases: Floats = 2.0 * np.pi * np.arange(_TURNS + 1, dtype=float)
-        size = self.structure.size
+    def end(state: Floats) -> int:
         for _ in range(_LOOKS):
-            energy = float(potential_energy(self.structure, state[:size], 0.0).sum())
-            energy += float(kinetic_energy(self.structure, state[None, size:])[0])
+            energy = float(potential_energy(structure, state[:size], 0.0).sum())
+            energy += float(kinetic_energy(structure, state[None, size:])[0])
             if not np.isfinite(energy):
                 return -1
-            if energy < self.barrier:
-                apart = self.structure.elongations(self.rests - state[:size], np.zeros(len(self.rests)))
+            if energy < barrier:  # the lowest one
+                apart = structure.elongations(rests - state[:size], np.zeros(len(rests)))
                 return int(np.linalg.norm(apart, axis=1).argmin())
-            state = self.integrator.motion(state, self.omega, phases)[-1]
+            state = integrator.motion(state, omega, phases)[-1]
         return -1
+
+    return rests, end

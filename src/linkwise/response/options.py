@@ -25,11 +25,12 @@ from linkwise.simulation.run import check_base, check_place
 from linkwise.verdict import UNGRADED, Basis
 
 FORCE = "force"
-_DISPLACEMENTS = {  # of the place that is driven, as what is harmonic is size*cos(omega*t)
-    FORCE: "size*cos(omega*t)",
-    "x": "size*cos(omega*t)",
-    "v": "size/omega*sin(omega*t)",
-    "a": "-size/omega**2*cos(omega*t)",
+# unit, which derivative is harmonic, and the force or the displacement where what is harmonic is size*cos(omega*t)
+_KINDS = {
+    FORCE: ("N", 0, "size*cos(omega*t)"),
+    "x": ("m", 0, "size*cos(omega*t)"),
+    "v": ("m/s", 1, "size/omega*sin(omega*t)"),
+    "a": ("m/s2", 2, "-size/omega**2*cos(omega*t)"),
 }
 
 
@@ -57,17 +58,17 @@ class Drive:
     @property
     def unit(self) -> str:
         """The unit of its size."""
-        return {FORCE: "N", "x": "m", "v": "m/s", "a": "m/s2"}[self.kind]
+        return _KINDS[self.kind][0]
 
     @property
     def order(self) -> int:
         """Which derivative of the displacement of the base is harmonic; 0 for a force."""
-        return {"v": 1, "a": 2}.get(self.kind, 0)
+        return _KINDS[self.kind][1]
 
     @property
     def expression(self) -> Expression:
         """The force, or the displacement of the base, over t, with symbols size and omega."""
-        return parse(_DISPLACEMENTS[self.kind], ("t",))
+        return parse(_KINDS[self.kind][2], ("t",))
 
     def base(self, size: float, omega: float, phases: Floats) -> tuple[Floats, Floats]:
         """Give the motion of the base.
@@ -110,7 +111,7 @@ class Drive:
             The force in N, or the displacement of the base in m, as an expression of t.
         """
         first, rate = 2.0 * np.pi * hz[0], 2.0 * np.pi * (hz[1] - hz[0]) / duration
-        text = _DISPLACEMENTS[self.kind].replace("omega*t", f"{first!r}*t + {0.5 * rate!r}*t**2")
+        text = _KINDS[self.kind][2].replace("omega*t", f"{first!r}*t + {0.5 * rate!r}*t**2")
         return text.replace("omega", f"({first!r} + {rate!r}*t)").replace("size", repr(float(size)))
 
     def check(self, structure: Structure) -> None:

@@ -138,14 +138,12 @@ def run_time_parameters(
     say.
     """
     laws = zip(structure.links, layout.coefficients, strict=True)
-    coefficients: list[Any] = [link.values[name] for link, names in laws for name in names]
-    masses: NDArray[Any] = np.asarray(structure.mass_values)
-    if kind is not np.float64:
-        coefficients = [kind(repr(float(value))) for value in coefficients]
-        masses = np.array([kind(repr(float(mass))) for mass in masses])
+    given = [link.values[name] for link, names in laws for name in names], structure.mass_values.tolist()
+    exact = kind is np.float64
+    coefficients, masses = (own if exact else [kind(repr(float(x))) for x in own] for own in given)
     values: NDArray[Any] = np.zeros(layout.size, dtype=kind)
     values[layout.values] = coefficients
-    values[layout.inverse_masses] = 1.0 / (masses * kind(SCALE))
+    values[layout.inverse_masses] = 1.0 / (np.array(masses) * kind(SCALE))
     values[layout.branches] = 1.0
     return values
 

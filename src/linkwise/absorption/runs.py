@@ -1,5 +1,5 @@
-"""What links and masses of a structure do along a run: wells of links, energies, barriers, crossings and rest
-positions, and the vibration of the primary masses about these, its largest excursion still to come, settling and decay.
+"""Runs of a structure with sinks or without: wells and barriers of its links, energies, crossings and rest positions, and
+the vibration of the primary masses about these, its largest excursion still to come, settling and decay.
 
 A crossing is a passage over the top of the barrier between two wells. Elongation and rate are known at the integrator's
 own steps: the cubic between two steps shows every crossing, and Newton's method on the dense output refines it. Stored
@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from linkwise.absorption.sinks import delivered_energy, dissipators, host_energy, place_motion
+from linkwise.absorption.sinks import delivered_energy, dissipators
 from linkwise.analysis.potential_wells import link_rest_points
 from linkwise.analysis.rest_positions import equilibria
 from linkwise.arrays import Floats, Indices
@@ -184,6 +184,15 @@ def _roots_of_cubics(
     return links.astype(np.intp), levels, roots
 
 
+def place_motion(structure: Structure, x: Floats, places: Sequence[str]) -> Floats:
+    """(N, P) m: motion of P masses or points of a structure, from that (N, n) of its masses and modes."""
+    moved = np.zeros((len(x), len(places)))
+    for column, place in enumerate(places):
+        for number, part in structure.topology.weights(structure.topology.index[place]):
+            moved[:, column] += part * x[:, number]
+    return moved
+
+
 def stored_energy(structure: Structure, d: Floats, v: Floats) -> Floats:
     """(N,) J above the lowest wells, at elongations `d` (N, L) m and velocities `v` (N, n) m/s."""
     links = zip(structure.links, d.T, strict=True)
@@ -198,14 +207,13 @@ def rest_positions(structure: Structure, primaries: Sequence[str]) -> Floats:
     Zero if all links have their only well at zero elongation; otherwise equilibria are searched. Zero, too, for a structure
     without a stable equilibrium, or with too many equilibria to count.
     """
-    positions = np.zeros((1, len(primaries)))
-    if not all(map(_rests_at_zero, structure.links)):
-        with suppress(StructureError):
-            stable = np.array([point.x for point in equilibria(structure).stable])
-            positions = (
-                np.unique(place_motion(structure, stable, primaries), axis=0) if len(stable) else positions
-            )
-    return positions
+    at_zero = np.zeros((1, len(primaries)))
+    if all(map(_rests_at_zero, structure.links)):
+        return at_zero
+    stable: list[Floats] = []
+    with suppress(StructureError):
+        stable = [point.x for point in equilibria(structure).stable]
+    return np.unique(place_motion(structure, np.array(stable), primaries), axis=0) if stable else at_zero
 
 
 def _rests_at_zero(link: Link) -> bool:
@@ -482,8 +490,11 @@ class AbsorptionRun:
         StructureError
             If there is no such host.
         """
-        hosts = {own.name: own for own in self.structure.hosts}
-        return host_energy(self.structure, index_of(hosts, host, "host", "hosts"), self.x, self.v)
+        hosts, energy = {own.name: own for own in self.structure.hosts}, np.zeros(len(self.x))
+        for mode in index_of(hosts, host, "host", "hosts").coordinates:
+            number, link = self.structure.mass_names.index(mode), self.structure.link(mode)
+            energy += 0.5 * self.v[:, number] ** 2 + link.potential(self.x[:, number])
+        return energy
 
 
 def single_run(
