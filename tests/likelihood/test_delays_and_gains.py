@@ -295,7 +295,7 @@ def test_a_gain_is_admitted_where_the_diagnosis_names_it_alone() -> None:
     assert not lw.identify(single, ONE.unknown("all"), admit=["gain"]).sensor_errors
 
 
-FIRST_ABSENT = "no gain or delay of force:m1 can be estimated.*has the forces force:m2"
+FIRST_ABSENT = "no gain of force:m1 can be estimated.*the record has .*force:m2"
 FIRST_ZERO = "no gain or delay of force:m1 .* is 0 throughout the record"
 ON_TIME, DRIVEN_AT_TOP, ZERO = (
     partial(late, "x:m1", 0, 34),
