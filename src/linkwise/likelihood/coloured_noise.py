@@ -135,13 +135,8 @@ class ColouredNoise:
         ]
         columns = np.concatenate(chunks, axis=2)
         total = np.zeros((columns.shape[-1],) * 2)
-        for channel, variance in enumerate(self.innovations):
-            own = columns[:, channel]
-            if not len(self.coefficients[channel]):
-                flat = own.reshape(-1, own.shape[-1]).astype(float)
-                total += variance * (flat.T @ flat)
-                continue
-            along = in_time(own.transpose(0, 2, 1), linked, fill=0.0)
+        for channel in range(len(self.innovations)):
+            along = in_time(columns[:, channel].transpose(0, 2, 1), linked, fill=0.0)
             length = scipy.fft.next_fast_len(along.shape[1] + _APART, real=True)
             waves = np.fft.rfft(along, length)
             power = self._spectrum(channel, length)[: waves.shape[1]] / length

@@ -133,11 +133,6 @@ class _ShiftedFit:
         return self.fit.interrupted or self.fit.leaves_noise
 
     @property
-    def is_optimum(self) -> bool:
-        """Whether the delays are such that no other shift stands for them; at the end of their range they have no errors."""
-        return all(abs(delay) <= _BESIDE * self.shifts.step for delay in self.fit.delays.values())
-
-    @property
     def misfit(self) -> tuple[bool, float]:
         """By which fits at other shifts are ordered; a model error says little, as it depends on the noise beside it."""
         return not self.is_last, self.fit.chi_square
@@ -186,7 +181,9 @@ def _at_best_shift(shifted: _ShiftedFit, name: str) -> _ShiftedFit:
         if nearest is best:
             break
         best = nearest
-    return best if best.is_last or best.is_optimum else shifted
+    # at the end of their range delays have no errors, and another shift stands for them
+    is_optimum = all(abs(delay) <= _BESIDE * best.shifts.step for delay in best.fit.delays.values())
+    return best if best.is_last or is_optimum else shifted
 
 
 def _is_small(ratio: float, error: float, record: Record) -> bool:

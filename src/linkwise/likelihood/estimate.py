@@ -284,8 +284,7 @@ class MaximumLikelihood(AskedFor, Estimator):
         }
         named = [f"{one.kind} ({one.channel})" for one in errors if not isinstance(one, Offset)]
         named += [f"{kind} ({', '.join(names)})" for kind, names in requests.items() if names]
-        named += [] if isinstance(self.loss, Gaussian) else ["a robust loss"]
-        named += ["exact laws"] if self.exact else []
+        named += ["a robust loss"] * (not isinstance(self.loss, Gaussian)) + ["exact laws"] * self.exact
         if named:
             raise IdentificationError(
                 f"{', '.join(named)}: not supported for links alone on a rig, where only offsets of sensors can be found"
@@ -477,11 +476,7 @@ def _approximated(fit: LikelihoodFit, judgement: Judgement) -> tuple[LikelihoodF
 
 
 def estimate_of(
-    structure: Structure,
-    fit: LikelihoodFit,
-    records: Sequence[Record],
-    *,
-    offered: Structure | None = None,
+    structure: Structure, fit: LikelihoodFit, records: Sequence[Record], *, offered: Structure | None = None
 ) -> Estimate:
     """The estimate that a fit of `structure` to `records` gives, with its verdicts.
 

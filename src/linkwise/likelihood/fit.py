@@ -353,10 +353,8 @@ def _fit(problem: Problem, theta: Floats, spread: Floats | None, options: Likeli
     p = segments.system.parameters.size
     point = fit.point
     segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))
-    random_forces: tuple[RandomForceEstimate, ...] = ()
-    if (random := segments.random) is not None:
-        deviations = random.present * random.deviation.max(axis=1)
-        random_forces = force_estimates(problem.random, deviations, problem.records[0].rate)
+    random = segments.random
+    of_forces = np.zeros(0) if random is None else random.present * random.deviation.max(axis=1)
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
     found = _found(problem.unknowns, point.border[p:], deviations)
     of_white = None if explained.coloured is None else fit.covariance[:p, :p]
@@ -378,7 +376,7 @@ def _fit(problem: Problem, theta: Floats, spread: Floats | None, options: Likeli
         optimum=Optimum(misfit, fit.q, explained.noise, explained.coloured, of_white),
         prior_conflicts=_prior_conflicts(explained),
         undetermined_gains=_undetermined_gains(found, explained.covariance, p),
-        random_forces=random_forces,
+        random_forces=force_estimates(problem.random, of_forces, problem.records[0].rate),
         options=options,
     )
 

@@ -34,7 +34,7 @@ from linkwise.likelihood.terms import (
     of_kind,
 )
 from linkwise.progress import Progress, silent
-from linkwise.records.channel import COMMON, FORCE, SensorUncertainty
+from linkwise.records.channel import COMMON, SensorUncertainty
 from linkwise.records.record import Record
 
 CALIBRATION = {"typed": "CHANNEL=PERCENT%", "unit": "%", "example": "x:m1=1%"}
@@ -235,15 +235,9 @@ def _known_gains(
 
 
 def _require_acting(named: Sequence[str], records: Sequence[Record]) -> None:
-    """Raise IdentificationError for an error of a force that no channel shows, or that its channel shows nowhere."""
-    forces = records[0].forces
-    for name in (name for name in dict.fromkeys(named) if name.startswith(FORCE)):
-        if name not in forces:
-            raise IdentificationError(
-                f"no gain or delay of {name} can be estimated{near_miss(name, forces)}: the record "
-                f"{'has the forces ' + ', '.join(forces) if forces else 'shows no applied force'}"
-            )
-        if not any(np.any(record.channel(name)) for record in records):
+    """Raise IdentificationError for an error of a force that its channel shows nowhere."""
+    for name in dict.fromkeys(named):
+        if name in records[0].forces and not any(np.any(record.channel(name)) for record in records):
             raise IdentificationError(
                 f"no gain or delay of {name} can be estimated: it is 0 throughout the "
                 f"{'record' if len(records) == 1 else 'records'}. If no force acts there, leave its gain and delay out; if "

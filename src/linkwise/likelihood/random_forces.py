@@ -276,11 +276,7 @@ def _positive(value: float | None, quantity: str, unit: str) -> float | None:
 
 
 def refuse_beside_random_forces(
-    errors: Sequence[Term],
-    admitted: Sequence[str],
-    *,
-    robust: bool,
-    records: Sequence[Record],
+    errors: Sequence[Term], admitted: Sequence[str], *, robust: bool, records: Sequence[Record]
 ) -> None:
     """IdentificationError for what is not estimated, or not tested, beside random forces."""
     disturbed = [one.channel for one in errors if isinstance(one, Disturbance | HighPass)]

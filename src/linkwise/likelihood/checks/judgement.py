@@ -251,14 +251,13 @@ class Examined:
     def coloured(self) -> list[Channel]:
         """The channels with noise that is correlated from sample to sample."""
         noise = self.fit.optimum.coloured
-        responses = [name for name in self.channels if not name.is_input]
-        return [] if noise is None else [responses[number] for number in noise.channels]
+        return [] if noise is None else [self.records[0].responses[number] for number in noise.channels]
 
     @property
     def is_filtered(self) -> bool:
         """Whether all sensors have such noise, as a low-pass filter gives it."""
-        responses = sum(not name.is_input for name in self.channels)
-        return 1 < responses == len(self.coloured) and lag_one_autocorrelation(self.fit.misfit) > 0.0
+        all_are = 1 < len(self.records[0].responses) == len(self.coloured)
+        return all_are and lag_one_autocorrelation(self.fit.misfit) > 0.0
 
     @property
     def explained(self) -> str:

@@ -54,8 +54,7 @@ def skewed_profiles(of: Examined, before: Judgement) -> Judgement | None:
     exact = before.verdict is Verdict.CONVERGED and not fit.random_forces and fit.optimum.coloured is None
     if not exact or not fit.free.any():
         return None
-    faint = with_faint_modes(fit, of.identified)[1]
-    names = fit.names
+    faint, names = with_faint_modes(fit, of.identified)[1], fit.names
     accelerations = _accelerations(fit, of.diagnosis.tested)
     reaches: dict[int, float] = {}
     for number in np.flatnonzero(fit.free & [name not in faint for name in names]).tolist():
