@@ -12,7 +12,7 @@ TESTS = 34708  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (11, 2026),
+    "absorption": (11, 2018),
     "analysis": (4, 482),
     "cli": (20, 1839),
     "discovery": (19, 3248),
@@ -22,20 +22,20 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1932),
     "identification": (12, 2376),
     "inspection": (9, 1846),
-    "likelihood": (64, 13619),
+    "likelihood": (64, 13560),
     "modal": (5, 840),
-    "model": (16, 2965),
+    "model": (16, 2959),
     "paper": (3, 358),
     "plot": (12, 1793),
     "records": (9, 1445),
     "report": (12, 1030),
-    "response": (13, 1819),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (13, 1811),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 968),
     "signals": (6, 834),
-    "simulation": (9, 1589),
+    "simulation": (9, 1587),
     "sindy": (8, 1008),
     "study": (8, 1398),
-    "weak": (8, 1691),
+    "weak": (8, 1669),
 }
 
 
