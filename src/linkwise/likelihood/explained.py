@@ -376,17 +376,15 @@ def _by_slip(first: _Model) -> _Model | None:
 def _by_event(first: _Model) -> _Model | None:
     """The parts of a record before and behind an event as two records, and errors of sensors beside that.
 
-    Where the cause named behind it is an error of a sensor that alone leaves noise, the model with that: the fastest motion
-    shows most of it.
+    Where the error of a sensor that is named behind it leaves noise alone, that: the fastest motion shows most of it.
     """
     event = next((cause for cause in first.answer.diagnosis[:1] if cause.kind == EVENT), None)
     if event is None or len(first.records) > 1:
         return None
-    second = first.answer.diagnosis[1:2]
-    errors = (cause for cause in second if is_admissible(cause) and not cause.kind.endswith("gain"))
-    alone = next(filter(None, map(first.with_error, errors)), None)
-    if alone is not None and alone.is_explained:
-        return alone
+    errors = (error for error in first.answer.diagnosis[1:2] if is_admissible(error))
+    alone = (first.with_error(error) for error in errors if not error.kind.endswith("gain"))
+    if by_error := next((model for model in alone if model and model.is_explained), None):
+        return by_error
     [record] = first.records
     before, behind = event.size - event.standard_error, event.size + event.standard_error
     if before < record.start or behind > record.start + record.duration:

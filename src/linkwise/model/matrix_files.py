@@ -119,7 +119,10 @@ def read_matrices(path: Path) -> Mapping[str, FileMatrix]:
         message = f"reading matrices from {suffix} files needs the library pyyeti: install linkwise[nastran]"
         raise StructureError(message, str(path))
     try:
-        with warnings.catch_warnings(action="ignore"):
+        with (
+            warnings.catch_warnings(action="ignore"),
+            np.printoptions(),
+        ):  # which a library changes as it is loaded
             return read(path)
     except StructureError:
         raise
