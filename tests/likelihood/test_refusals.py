@@ -76,6 +76,8 @@ REFUSED: list[tuple[str | lw.Record | list[lw.Record], lw.Structure, dict[str, A
     (AT_TOP, PAIR, {"calibration": {"force:m1": 0.01}}, "no calibration of force:m1 .* and the inputs force:m2"),
     (zeroed(1), PAIR, {"gains": ["force:m1"]}, ZERO),
     ([zeroed(1), zeroed(2)], PAIR, {"gains": ["force:m1"]}, ZERO),
+    ([shown(BOTH), shown("x:m1")], PAIR, {}, "need the same channels in the same order: x:m1, x:m2 in the first, x:m1 in"),
+    ([shown(BOTH), shown("x:m1")], PAIR, {"offsets": ["x:m2"]}, "need the same channels in the same order"),
     ("state:joint.z force:m1", JOINT, {"starts": STARTED}, r"no channel shows the motion of a mass \(state:joint.z"),
     ("x:m1 f:joint force:m1", RAIL.unknown("all"), {}, "f:joint belongs to no link or state"),
 ]  # fmt: skip

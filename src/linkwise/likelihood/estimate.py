@@ -61,7 +61,7 @@ from linkwise.likelihood.remarks import disturbances, fit_remarks, inseparable, 
 from linkwise.likelihood.rigs.estimate import rig_estimate
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.shooting.residuals import LOSSES, Gaussian, Loss
-from linkwise.likelihood.shooting.segmentation import require_units_of_states
+from linkwise.likelihood.shooting.segmentation import require_same_channels, require_units_of_states
 from linkwise.likelihood.shooting.system import held_where_unseen
 from linkwise.likelihood.starts.drift import needs_integration
 from linkwise.likelihood.starts.memory import (
@@ -235,6 +235,8 @@ class MaximumLikelihood(AskedFor, Estimator):
             _refuse_dead(record)
             if structure.hosts:
                 require_supported(framed(record, structure, integrated=True).record, structure)
+        if len({record.channels for record in records}) > 1:
+            require_same_channels(framed_records(records, structure, integrated=True))
         structure = held_where_unseen(structure, records[0].channels)
         errors = errors_to_find(records, self)
         records, input_noise = with_noise_of_signals(records, self.input_noise or (), structure)
@@ -455,9 +457,9 @@ def _refuse_dead(record: Record) -> None:
 def _about_rest(records: Sequence[Record], errors: Sequence[Term]) -> list[Record]:
     """The records with what channels of unknown offset show on average taken off, which may dwarf the motion."""
     unknown = [one.channel for one in of_kind(errors, Offset) if np.isinf(one.deviation)]
-    columns = [name in unknown for name in records[0].channels]
     moved = [record.values.copy() for record in records]
-    for values in moved:
+    for record, values in zip(records, moved, strict=True):
+        columns = [name in unknown for name in record.channels]
         values[:, columns] -= np.nanmean(values[:, columns], axis=0)
     return [replace(record, values=values) for record, values in zip(records, moved, strict=True)]
 
