@@ -188,3 +188,25 @@ def test_a_line_that_may_fade_as_a_mode_does_is_a_second_answer(snr_db: float) -
     title, options, _ = fit.second_answer
     assert "or a mode that the laws lack" in title and "or add a mass) only noise is left" in title
     assert options == [f"{option}={line.size:.6g}Hz"]
+
+
+@pytest.mark.parametrize("hz", [7.14, 6.88])
+def test_what_a_wrong_law_leaves_at_a_tone_of_the_base_is_no_force(hz: float) -> None:
+    """A mount that relaxes, stated without: near a harmonic force in all that the record shows, and values far off."""
+    law, values = "k*d + k3*d**3 + c*v", {"k": 900.0, "k3": 2e6, "c": 2.0}
+    mount = structure(
+        {"m1": 1.0, "h": 1e-3},
+        link("mount", "m1-base", law, **values),
+        link("spring", "m1-h", "k*d", k=300.0),
+        link("dashpot", "h-base", "c*v", c=8.0),
+    )
+    moved = f"0.003*sin({2.0 * np.pi * hz:.5f}*t)"
+    clean = lw.simulate(mount, base=moved, duration=4.0, rate=400.0).select(["x:m1", "x:base"])
+    rng = np.random.default_rng(1140128)
+    noise = 0.02 * clean["x:m1"].std() * rng.normal(size=len(clean))
+    record = changed(clean, x_m1=lambda samples: samples + noise)
+    stated = structure({"m1": 1.0}, link("mount", "m1-base", law))
+    fit = lw.identify(record, stated, starts={f"mount.{name}": value for name, value in values.items()})
+    assert not fit.trusted
+    assert fit.alternative is None or not fit.alternative.trusted
+    assert "harmonic force" not in {cause.kind for cause in (*fit.added, *fit.diagnosis[:1])}

@@ -44,6 +44,7 @@ _STEP = 0.25  # of a line's width, one over the duration, between frequencies th
 _NEARBY = ((4, 0.5), (8, 0.06))
 _LONGEST = 40_000  # segments times masses of a fit, beyond which these take longer than some seconds
 _AROUND = 8  # such steps on each side of a frequency that is stated
+_DRIVEN = 1.0  # of a line's width, within which a line of the motion is one of an input
 _LINES, _OF_MOTION = 4, 2  # in what a fit leaves that are tested, and in the motion itself
 _NEIGHBOURS = 61  # steps over which the level around a line is found
 # times that level from which a line is tested: noise behind a resonance that is narrow hardly reaches it
@@ -181,7 +182,7 @@ class Lines:
 
         A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929). That of a sensor is in its
         channel alone. Laws with a model error take up a force near a resonance, and what they leave has no line at it: there
-        the motion is looked at as well.
+        the motion is looked at as well, but at no line of an input: laws that answer it wrongly leave a force there.
         """
         if structure.hosts or not (fit.has_errors and tells_time(fit.segments, records)):
             return None
@@ -192,7 +193,9 @@ class Lines:
         loose = fit.model_error > 0.0 and not fit.random_forces
         is_short = fit.segments.count * structure.size <= _LONGEST
         going_on = _lines_of_motion(records) if loose and is_short else []
-        found += [_refined(fit, structure, records, line) for line in going_on]
+        refined = (_refined(fit, structure, records, line) for line in going_on)
+        driven = _lines_of_inputs(records) if going_on else np.empty(0)
+        found += [line for line in refined if not np.any(np.abs(driven - line.frequency) < _DRIVEN * width)]
         lines = [line for line in found if all(abs(line.frequency - one) > width for one in known)]
         exact, names, responses = _is_exact(fit), structure.mass_names, records[0].responses
         forces, hums = list[HarmonicForce](), list[tuple[float, int]]()
@@ -330,6 +333,19 @@ def _lines_of_motion(records: Sequence[Record]) -> list[_Line]:
         row, at = np.nonzero(power)
         found.append(np.stack([power[row, at], frequency[at], np.full(len(row), -1), row]))
     return list(islice(_highest(np.concatenate(found, axis=1), records[0].duration), _OF_MOTION))
+
+
+def _lines_of_inputs(records: Sequence[Record]) -> Floats:
+    """Frequencies in Hz at which inputs have lines."""
+    found = [np.empty(0)]
+    for record in records:
+        values = np.nan_to_num(record.select(record.inputs).values.T) if record.inputs else np.empty((0, 2))
+        size = round(record.duration * record.rate / _STEP)
+        power = np.abs(np.fft.rfft(values * np.hanning(values.shape[1]), size)) ** 2
+        if len(power):
+            _, at, ratio = _above_level(power)
+            found.append(at[ratio >= _ABOVE] * record.rate / size)
+    return np.concatenate(found)
 
 
 @np.errstate(over="ignore", invalid="ignore")
