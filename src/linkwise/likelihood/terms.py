@@ -35,6 +35,7 @@ from linkwise.records.channel import BAND_LIMITED, BASE, COMMON, FORCE, Channel,
 from linkwise.records.record import Record
 from linkwise.registry import Registry
 from linkwise.signals.base_frame import FramedRecord
+from linkwise.signals.force_window import COARSE
 
 Stated: TypeAlias = str | Sequence[str] | Mapping[str, float | None]
 """A channel, several, or numbers by channel, None where one is not stated."""
@@ -518,6 +519,14 @@ class Nonlinearity(OfReading):
 
     def columns(self, shown: Shown) -> list[Floats]:
         return [shown.value * (shown.value / max(np.abs(shown.value).max(), _TINY)) ** 2]
+
+    @classmethod
+    def tested(cls, shown: Shown) -> Floats:
+        """Nothing where as few samples show it as a hit that is coarse, the shape of which between them is not known."""
+        column = super().tested(shown)
+        power = np.square(column)
+        showing = float(np.sum(power)) ** 2 / max(float(np.sum(power**2)), _TINY)
+        return column if showing > COARSE else np.zeros_like(column)
 
 
 @dataclass(frozen=True)

@@ -99,10 +99,10 @@ def _second_order() -> tuple[np.ndarray, np.ndarray]:
 
 STAGE_ROWS, CLOSING = _second_order()
 
-#: Nystroem's method of order 4 (order 3 in the rates): rows over (d, h v, k_0, k_1), and the end over (d, h v, k_0, k_1, k_2).
+#: Nystroem's method of order 4 (order 3 in the rates): rows over (d, h v, k_0, k_1) and closing sums of the pulls.
 TANGENT_MIDDLE = np.array([[1, 1 / 2, 1 / 8], [0, 1, 1 / 2]], np.float32)
 TANGENT_END = np.array([[1, 1, 0, 1 / 2], [0, 1, -1, 2]], np.float32)
-TANGENT_CLOSING = np.array([[1, 1, 1 / 6, 1 / 3, 0], [0, 1, 1 / 6, 2 / 3, 1 / 6]], np.float32)
+TANGENT_CLOSING = np.array([[1 / 6, 1 / 3, 0], [1 / 6, 2 / 3, 1 / 6]], np.float32)
 
 
 @dataclass(frozen=True, eq=False)

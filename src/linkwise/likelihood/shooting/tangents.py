@@ -327,14 +327,12 @@ def march(forces: TangentForces, scale: Floats) -> Iterator[TangentStep]:
     into_links, gain, system = forces.into_links, forces.gain, forces.mechanics.system
     # by the error of the recorded displacement of the base
     stretched = -system.base[:, None, None].astype(np.float32)
-    nodes, inner = forces.at_nodes(scale)
+    state, inner = forces.at_nodes(scale)
     L, (S, P, K) = into_links.shape[0], inner.shape
     stack, pulls, motion = (np.empty((count, L, P, K), np.float32) for count in (4, 3, 2))
-    before, after = np.empty((2, 5, *nodes.shape[1:]), np.float32)  # x and u, and three accelerations
-    before[:2] = nodes
+    accelerations, moved = np.empty((3, *state.shape[1:]), np.float32), np.empty_like(state)
     rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
     for start in range(0, 2 * forces.steps, 2):
-        state, accelerations = before[:2], before[2:]
         product(into_links, state, stack[:2])
         if system.base_error is not None:
             stack[0] += stretched * inner[system.base_error]
@@ -358,9 +356,10 @@ def march(forces: TangentForces, scale: Floats) -> Iterator[TangentStep]:
             inner += (rates[0] + np.float32(4.0) * rates[1] + rates[2]) / np.float32(6.0)
         product(gain, pulls[2], accelerations[2])
         forces.inertia(start + 2, accelerations[2])
-        combine(TANGENT_CLOSING, before, after[:2])
-        before, after = after, before
-    yield TangentStep(before[:2], inner, None, None)
+        state[0] += state[1]
+        combine(TANGENT_CLOSING, accelerations, moved)
+        state += moved
+    yield TangentStep(state, inner, None, None)
 
 
 def _matrix(values: Floats) -> Single | csr_array:

@@ -32,6 +32,7 @@ from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.likelihood.shooting.normal_equations import block_ends, block_information
 from linkwise.likelihood.shooting.residuals import LongerSegments
 from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.terms import PPM
 from linkwise.likelihood.tests.columns import (
     Added,
     FittedMotion,
@@ -135,7 +136,7 @@ class TestedCauses:
         return tests
 
 
-LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
+LARGEST = 0.2  # relative error up to which the first order describes a gain, a mass or a clock; more is none of a calibration
 
 _MASS_CHANCE = 12.0  # with twice the logarithm of the number of masses: normal scores give one in 2000 fits
 _HINT = 6.25  # the same: one in 80, as of usual terms
@@ -521,6 +522,8 @@ def _is_small(hypothesis: Hypothesis, size: float, sample: float) -> bool:
         return abs(size) < _LATEST * sample
     if hypothesis.kind == HIGH_PASS:
         return size > 0.0
+    if hypothesis.kind == CLOCK:
+        return PPM * abs(size) < LARGEST
     return not CAUSE_KINDS[hypothesis.kind].relative or abs(size) < LARGEST
 
 
