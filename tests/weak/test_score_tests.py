@@ -26,10 +26,10 @@ def faulty(change: Change, snr_db: float, clean: lw.Record | None = None, channe
     ("change", "snr_db", "kind"),
     [
         (lambda x, record: 1.01 * x, 40.0, "gain"),
-        (  # cut off where it turns it looks smoothed
+        (  # which a cubic part of the sensor comes nearest to
             lambda x, record: np.clip(x, -0.7 * np.abs(x).max(), 0.7 * np.abs(x).max()),
             20.0,
-            "filter",
+            "nonlinearity",
         ),
     ],
     ids=["gain of 1 %", "clipping"],

@@ -15,7 +15,7 @@ from typing import Any, Unpack, final
 import numpy as np
 
 from linkwise.absorption.result import Absorption, Harvest, MassChange, MassDecay, SinkResult
-from linkwise.absorption.runs import AbsorptionRun, barriers, rest_positions, single_run
+from linkwise.absorption.runs import AbsorptionRun, barriers, decay_of, rest_positions, single_run
 from linkwise.absorption.sinks import (
     SUFFIX,
     Sink,
@@ -448,7 +448,7 @@ def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
     with_sinks = _run(comparison, comparison.schedule, comparison.powers)
     progress(ProgressReport(0.5, "without sinks"))
     without = _run(comparison, comparison.baseline, {})
-    level = comparison.options.settle * without.decay.peak
+    level = comparison.options.settle * decay_of(without).peak
     if not np.any(without.v):
         raise SimulationError(
             f"with the sinks {comparison.options.without} nothing moves, so there is nothing to compare "
@@ -480,7 +480,7 @@ def _run(comparison: Comparison, schedule: RunSchedule, powers: Mapping[str, Exp
 
 def _decays(run: AbsorptionRun, level: Floats) -> list[MassDecay]:
     """The decay of each primary mass; `level` (P,) m."""
-    decay = run.decay
+    decay = decay_of(run)
     settled, rates = (map(finite, column(level)) for column in (decay.settled, decay.rate))
     sizes = (run.rest.tolist(), decay.peak.tolist(), decay.rms.tolist())
     return [MassDecay(*row) for row in zip(*sizes, settled, rates, strict=True)]

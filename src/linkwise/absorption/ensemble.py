@@ -17,6 +17,7 @@ from linkwise.absorption.runs import (
     AbsorptionRun,
     Decay,
     comparable,
+    decay_of,
     reduction,
     rest_positions,
     runs_of,
@@ -99,8 +100,9 @@ class BaselineQuantities(NamedTuple):
     @classmethod
     def of(cls, run: AbsorptionRun, settle: float) -> BaselineQuantities:
         """Those of a run; a mass has settled below a part of its peak."""
-        decay, level = run.decay, settle * run.decay.peak
+        decay = decay_of(run)
         energies = [run.host_energy(host.name).mean() for host in run.structure.hosts]
+        level = settle * decay.peak
         return cls(decay.peak, decay.rms, level, decay.settled(level), np.array(energies))
 
 
@@ -150,7 +152,7 @@ def quantity_values(
     comparison: Comparison, run: AbsorptionRun, baseline: BaselineQuantities
 ) -> dict[str, float]:
     """The value of every quantity in a run with sinks, by name."""
-    decay, schedule, structure = run.decay, run.schedule, run.structure
+    decay, schedule, structure = decay_of(run), comparison.schedule, run.structure
     settled, total, dissipated = decay.settled(baseline.level), run.total, run.dissipated[-1]
     remaining = float(stored_energy(structure, run.d[-1:], run.v[-1:])[0])
     names = [link.name for link in structure.links]

@@ -341,8 +341,6 @@ class AbsorptionRun:
 
     Attributes
     ----------
-    schedule : RunSchedule
-        What was run, with its structure, excitation and output times.
     primaries : tuple of str
         The primary masses and points.
     positions : (E, P) ndarray
@@ -373,7 +371,7 @@ class AbsorptionRun:
     1.0
     """
 
-    schedule: RunSchedule
+    _schedule: RunSchedule
     primaries: tuple[str, ...]
     positions: Floats
     x: Floats
@@ -388,7 +386,7 @@ class AbsorptionRun:
     @property
     def structure(self) -> Structure:
         """The structure that was run."""
-        return self.schedule.structure
+        return self._schedule.structure
 
     @cached_property
     def rest(self) -> Floats:
@@ -396,16 +394,10 @@ class AbsorptionRun:
         last = place_motion(self.structure, self.x[-1:], self.primaries)
         return np.asarray(self.positions[np.square(self.positions - last).sum(axis=1).argmin()])
 
-    @cached_property
-    def decay(self) -> Decay:
-        """The excursions (N, P) from there."""
-        x, v = (place_motion(self.structure, own, self.primaries) for own in (self.x, self.v))
-        return Decay(self.schedule.times, x - self.rest, v)
-
     @property
     def envelope(self) -> Floats:
         """(N, P) m: the largest excursion of the primary masses and points from each sample on."""
-        return self.decay.envelope
+        return decay_of(self).envelope
 
     @cached_property
     def stored(self) -> Floats:
@@ -495,6 +487,12 @@ class AbsorptionRun:
             number, link = self.structure.mass_names.index(mode), self.structure.link(mode)
             energy += 0.5 * self.v[:, number] ** 2 + link.potential(self.x[:, number])
         return energy
+
+
+def decay_of(run: AbsorptionRun) -> Decay:
+    """The excursions (N, P) of the primary masses of a run from where they come to rest."""
+    x, v = (place_motion(run.structure, own, run.primaries) for own in (run.x, run.v))
+    return Decay(run._schedule.times, x - run.rest, v)
 
 
 def single_run(

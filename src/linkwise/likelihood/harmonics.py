@@ -44,6 +44,7 @@ _STEP = 0.25  # of a line's width, one over the duration, between frequencies th
 _NEARBY = ((4, 0.5), (8, 0.06))
 _LONGEST = 40_000  # segments times masses of a fit, beyond which these take longer than some seconds
 _AROUND = 8  # such steps on each side of a frequency that is stated
+_GOES_ON = 0.5  # of the power of the third quarter of a record, which a line has in the fourth: that of a decay has less
 _DRIVEN = 1.0  # of a line's width, within which a line of the motion is one of an input
 _LINES, _OF_MOTION = 4, 2  # in what a fit leaves that are tested, and in the motion itself
 _NEIGHBOURS = 61  # steps over which the level around a line is found
@@ -245,6 +246,8 @@ class Lines:
         for best, line in sorted(likeliest, key=lambda one: -gains[one[0]]):
             if gains[best] <= limit or any(abs(line.frequency - hz) < width for hz in told):
                 continue
+            if best >= len(self.forces) and not (line.masses or line.channels):
+                continue  # what is left shows no line there, so that it is the motion, and no hum
             told.append(line.frequency)
             gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
             if best < len(self.forces):
@@ -320,15 +323,21 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
 
 
 def _lines_of_motion(records: Sequence[Record]) -> list[_Line]:
-    """The strongest frequencies in the second halves of records, in which a decay has become small."""
+    """The strongest frequencies in the second halves of records, in which a decay has become small, where they go on to the
+    ends.
+    """
     found = []
     for record in records:
         shown = np.nan_to_num(record.select(record.responses).values[len(record) // 2 :].T)
         shown -= shown.mean(axis=1, keepdims=True)
-        size = round(record.duration * record.rate / _STEP)
-        power = np.abs(np.fft.rfft(shown * np.hanning(shown.shape[1]), size)) ** 2
+        size, middle = round(record.duration * record.rate / _STEP), shown.shape[1] // 2
+        power, before, after = (
+            np.abs(np.fft.rfft(part * np.hanning(part.shape[1]), size)) ** 2
+            for part in (shown, shown[:, :middle], shown[:, middle:])
+        )
         frequency = np.arange(power.shape[1]) * record.rate / size
         power[:, (frequency < _PERIODS / record.duration) | (frequency > _HIGHEST * record.rate)] = 0.0
+        power[after < _GOES_ON * before] = 0.0
         power /= np.maximum(power.sum(axis=1, keepdims=True), np.finfo(float).tiny)
         row, at = np.nonzero(power)
         found.append(np.stack([power[row, at], frequency[at], np.full(len(row), -1), row]))
