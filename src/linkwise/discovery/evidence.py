@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.criterion import Move, QuadraticModel, inverse_of
+from linkwise.discovery.criterion import QuadraticModel, inverse_of
 from linkwise.discovery.data_checks import DataChecks
 from linkwise.discovery.prediction import Excess, block_parabolas
 from linkwise.discovery.result import PathPoint, RunnerUp, TermEvidence
@@ -175,11 +175,14 @@ def opposed_damping(selection: Selection) -> tuple[str, ...]:
     for k, entry in selection.entries.items():
         if k < len(selection.inside) and entry.offered.is_damping:
             damping.setdefault(entry.pair, []).append(k)
-    motion, covariance = selection.link_motions(), selection.quadratic.covariance(selection.inside)
+    several = {pair: terms for pair, terms in damping.items() if len(terms) > 1}
+    opposed = {pair: terms for pair, terms in several.items() if min(solution.z[terms]) < -_NEGATIVE}
+    if not opposed:
+        return ()
+    motion = selection.link_motions()
+    covariance = inverse_of(selection.quadratic.h[np.ix_(selection.inside, selection.inside)])
     feeding = []
-    for pair, terms in damping.items():
-        if len(terms) == 1 or not min(solution.z[terms]) < -_NEGATIVE:  # NaN among them
-            continue
+    for pair, terms in opposed.items():
         d, v = (part.ravel() for part in motion[pairs[pair].name])
         laws = (selection.entries[k].term.law for k in terms)
         power = v * np.array([np.broadcast_to(law.force(d, v, {}), v.shape) for law in laws])
@@ -266,12 +269,10 @@ def selection_path(selection: Selection) -> tuple[PathPoint, ...]:
 
 def runners_up(selection: Selection) -> tuple[RunnerUp, ...]:
     """The models one move away whose criterion is nearest to that of the selected one, best first."""
-    names = selection.quadratic.names
-
-    def change(move: Move) -> str:
-        if move.added is None:
-            return f"without {names[move.dropped or 0]}"
-        added = names[move.added]
-        return f"with {added}" if move.dropped is None else f"{added} in place of {names[move.dropped]}"
-
-    return tuple(RunnerUp(change(move), -move.gain) for move in selection.neighbours[:_RUNNERS_UP])
+    names, models = selection.quadratic.names, []
+    for dropped, added, gain in selection.neighbours[:_RUNNERS_UP]:
+        before, after = names[dropped or 0], names[added or 0]
+        change = f"with {after}" if dropped is None else f"without {before}"
+        both = dropped is not None and added is not None
+        models.append(RunnerUp(f"{after} in place of {before}" if both else change, -gain))
+    return tuple(models)

@@ -2,17 +2,20 @@
 
 The weak equations of all masses are regressed together, with one set of coefficients for each link, and terms that are not
 significant eliminated (METHODS section 9). For many masses a first screen regresses the equation of each mass by itself on all
-links that may end there, so that the work grows with the number of pairs; what is significant at either end of a link is what
-the likelihood should test, and all terms of its link are regressed together.
+links that may end there, so that the work grows with the number of pairs; what is significant at either end of a link is
+regressed again: mass by mass for what the likelihood should test, and together. Displacements that were integrated lack their
+constants and suggest false links beside true ones; there the tree of the most significant links is enough to start from.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+from scipy.sparse.csgraph import minimum_spanning_tree
 
 from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates
@@ -20,8 +23,9 @@ from linkwise.discovery.criterion import Penalty, QuadraticModel
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.kalman import CHANGES, LinearPart, likeliest_change, samples_of, tuned_modes
 from linkwise.likelihood.starts.values import require_supported
+from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, ProgressReport
+from linkwise.progress import Progress, ProgressReport, part
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
@@ -35,15 +39,20 @@ Weights = list[list[Floats]]  # of the masses, by record and patch
 
 _REWEIGHTINGS = 2  # rounds of weighting the masses by their residuals
 _RIDGE = 1e-10  # of the unit diagonal: just above rounding
+_OVERLAP = 2.0  # windows overlap, so that sums of squares count every sample about twice
 _TRIED = 2000  # samples that decide which links there are
 # of the size of accelerations: small white forces on modes and masses, for what is wrong with the host
 _ALLOWED = 1e-2
 _MOST = 12  # links that are added
 _TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
+_ALL_LINKS = 0.8  # of the screen mass by mass: the part in which all links are on offer
 _FIRST_LIMIT = 2.5  # |z| in the equation of one mass above which a term is looked at again
 _LIMIT = 4.0  # |z| in all equations above which a term is significant
+# the same for a damper on a link without a spring: the weak form easily takes it for another's
+_DAMPER_LIMIT = 8.0
 # parts of the noise bias to leave in until the normal matrix is positive definite
 _BIAS = (0.0, 0.03, 0.1, 0.3, 1.0)
+_STATED = 1e12  # in place of |z| of a stated link: larger than any
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +100,29 @@ class WeakRegression:
     def quadratic(self, bias: float) -> QuadraticModel:
         """The normal equations with the part `bias` of the noise bias left in; z scores by the noise."""
         h, g = _normal_equations(self.systems, self.weights, self.numbers, bias)
-        penalty = Penalty.of(self.candidates, self.names, len(h))  # which no elimination asks for
-        return QuadraticModel(self.names, h, g, penalty, self.scatter)
+        return QuadraticModel(self.names, h, g, self.penalty, self.scatter)
+
+    def squares(self) -> QuadraticModel:
+        """The sum of squared residuals on about the scale of -2 log likelihood, to compare subsets."""
+        h, g = _normal_equations(self.systems, self.weights, self.numbers, 0.0)
+        overlap = _OVERLAP * max(system.motion.density for system in self.systems)
+        return QuadraticModel(self.names, h / overlap, g / overlap, self.penalty)
+
+    @cached_property
+    def penalty(self) -> Penalty:
+        """The penalty on the candidates, for the number of equations."""
+        rows = sum(len(own.layout.masses) * own.windows for system in self.systems for own in system.patches)
+        return Penalty.of(self.candidates, self.names, int(rows))
 
     @property
     def always(self) -> frozenset[int]:
         """The coefficients that are no candidates, by number."""
         return frozenset(k for k, name in enumerate(self.names) if name not in self.candidates.by_name)
+
+    def term(self, number: int) -> str:
+        """The text of the term that a coefficient multiplies; none of one that is no candidate."""
+        entry = self.candidates.by_name.get(self.names[number])
+        return "" if entry is None else entry.term.text
 
     def least_biased(self, task: Callable[[QuadraticModel], Result]) -> tuple[float, Result] | None:
         """The result of a task on the equations with the least part of the noise bias that lets it finish, and that part."""
@@ -226,31 +251,50 @@ def screen(
     """
     near = tested = frozenset(candidates.by_name)
     if len(candidates.masses) > _TOGETHER:
-        tested = _significant_anywhere(measured, candidates, progress)
-        near = candidates.on_links_of(tested)
+        near, tested = _screen_mass_by_mass(measured, candidates, progress)
         progress(ProgressReport(1.0, f"screening {len(near)} candidates together"))
     regression = WeakRegression.of(measured, candidates, candidates.structure(near))
-    names = {regression.names[k] for k in regression.significant(_LIMIT)} & candidates.by_name.keys()
-    linked = (entry for entry in candidates.entries if entry.name in candidates.on_links_of(names))
-    # weak equations hardly see a damper
-    significant = frozenset(names | {entry.name for entry in linked if entry.term.text == "v"})
+    damped = _with_dampers(regression, _exchanged(regression, regression.significant(_LIMIT)))
+    significant = frozenset(regression.names[k] for k in damped)
     return significant, tested | candidates.on_links_of(significant)
 
 
-def _significant_anywhere(measured: Measured, candidates: Candidates, progress: Progress) -> frozenset[str]:
-    """The candidates that are significant in the equation of one of their masses.
+def weak_start(measured: Measured, candidates: Candidates, structure: Structure) -> tuple[Floats, Floats]:
+    """The parameters (p,) of `structure` by the weak form and their standard deviations (p,), with the least noise bias."""
+    regression = WeakRegression.of(measured, candidates, structure)
+    found = regression.least_biased(lambda quadratic: quadratic.solve(range(len(regression.names))))
+    if found is None:
+        raise IdentificationError(
+            "the terms of the structure cannot be separated: their motions are linearly dependent in this record; record a "
+            "motion in which they differ"
+        )
+    solved = dict(zip(regression.names, zip(*found[1], strict=True), strict=True))
+    values, z = np.array([solved[parameter.name] for parameter in structure.parameters]).T
+    return values, np.abs(values / z)
 
-    Each equation is that of a structure with no other links, so that memory grows with the masses alone.
+
+def _screen_mass_by_mass(
+    measured: Measured, candidates: Candidates, progress: Progress
+) -> tuple[frozenset[str], frozenset[str]]:
+    """The candidates on links with one that is significant in the equation of a mass, and those significant among them.
+
+    Each equation is at first that of a structure with no other links, so that memory grows with the masses alone.
     """
     around: dict[str, set[str]] = {mass.name: set() for mass in candidates.masses}
     for entry in candidates.entries:
         for end in around.keys() & candidates.pairs[entry.pair].between:
             around[end].add(entry.name)
+    first, second = (part(progress, *ends) for ends in ((0.0, _ALL_LINKS), (_ALL_LINKS, 1.0)))
     names: set[str] = set()
     for number, (mass, links) in enumerate(around.items()):
-        progress(ProgressReport(number / len(around), f"screening the links of {mass}"))
+        first(ProgressReport(number / len(around), f"screening the links of {mass}"))
         names |= _significant_at(number, measured, candidates.structure(links), candidates)
-    return frozenset(names)
+    near = candidates.on_links_of(names)
+    structure, tested = candidates.structure(near), set()
+    for number, mass in enumerate(around):
+        second(ProgressReport(number / len(around), f"screening the links of {mass} again"))
+        tested |= _significant_at(number, measured, structure, candidates)
+    return near, frozenset(tested)
 
 
 def _significant_at(
@@ -270,3 +314,65 @@ def _significant_at(
     left = regression.significant(_FIRST_LIMIT)
     chosen = {*added, *(left if len(left) <= _MOST_LEFT * len(added) + _FEW else ())}
     return {regression.names[k] for k in chosen} & candidates.by_name.keys()
+
+
+def _exchanged(regression: WeakRegression, significant: list[int]) -> list[int]:
+    """`significant` with terms exchanged where that lowers the criterion of the squared residuals.
+
+    One link may then replace several that imitate it. The exchange counts only if it needs no more links; terms that it drops
+    from links that stay are kept.
+    """
+    penalty = regression.penalty
+    try:
+        after = regression.squares().best_subset(significant)
+    except np.linalg.LinAlgError:
+        return significant
+    pairs = penalty.pairs_of(after)
+    if len(pairs) > len(penalty.pairs_of(significant)):
+        return significant
+    return sorted({*after, *(k for k in significant if int(penalty.pair[k]) in {-1, *pairs})})
+
+
+def _with_dampers(regression: WeakRegression, significant: Sequence[int]) -> list[int]:
+    """`significant` with a damper on every link, which the weak form cannot judge, less what these make insignificant."""
+    pair, quadratic = regression.penalty.pair, regression.quadratic(0.0)
+    is_damper = [regression.term(k) == "v" for k in range(len(regression.names))]
+    sprung = regression.penalty.pairs_of(k for k in significant if not is_damper[k])
+    dampers = {k for k, damps in enumerate(is_damper) if damps and int(pair[k]) in sprung}
+    always = frozenset(dampers | {k for k in significant if pair[k] < 0})
+    every = sorted({*significant, *dampers})
+    try:
+        retained = quadratic.backward_elimination(every, always, _LIMIT)
+        isolated = {k for k in retained if is_damper[k]} - dampers
+        return quadratic.backward_elimination(retained, frozenset(retained) - isolated, _DAMPER_LIMIT)
+    except np.linalg.LinAlgError:
+        return every
+
+
+def skeleton(measured: Measured, candidates: Candidates) -> frozenset[int]:
+    """The numbers of the pairs with stated links, and of those of the tree of the most significant links beside them.
+
+    It joins every mass to the ground with the largest |z|, that of a link being that of its most significant elastic term.
+    Empty if the significant links do not reach every mass.
+    """
+    z = dict.fromkeys(candidates.stated_pairs, _STATED)
+    regression = WeakRegression.of(measured, candidates, candidates.full_structure)
+    significant = regression.significant(_LIMIT)
+    found = regression.least_biased(lambda quadratic: quadratic.solve(significant))
+    scores = () if found is None else np.abs(found[1].z).tolist()
+    for k, score in zip(significant, scores, strict=False):
+        entry = candidates.by_name.get(regression.names[k])
+        if entry is not None and entry.term.elastic:
+            z[entry.pair] = max(score, z.get(entry.pair, 0.0))
+    node = {mass.name: number for number, mass in enumerate(candidates.masses)}
+    node |= {GROUND: len(node), BASE: len(node)}
+    distance, pairs = np.zeros((len(candidates.masses) + 1,) * 2), {}
+    for pair, score in z.items():
+        ends = tuple(sorted(node[end] for end in candidates.pairs[pair].between))
+        if distance[ends] == 0.0 or 1.0 / score < distance[ends]:
+            distance[ends], pairs[ends] = 1.0 / score, pair
+    tree = minimum_spanning_tree(distance).tocoo()
+    if tree.nnz < len(candidates.masses):
+        return frozenset()
+    beside = (pairs[int(first), int(second)] for first, second in zip(tree.row, tree.col, strict=True))
+    return candidates.stated_pairs.union(beside)

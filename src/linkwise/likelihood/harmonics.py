@@ -323,8 +323,8 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
 
 
 def _lines_of_motion(records: Sequence[Record]) -> list[_Line]:
-    """The strongest frequencies in the second halves of records, in which a decay has become small, where they go on to the
-    ends.
+    """The strongest frequencies in the second halves of records, in which a decay has become small, where they are lines that
+    go on to the ends: what answers an input with all frequencies is none.
     """
     found = []
     for record in records:
@@ -335,9 +335,12 @@ def _lines_of_motion(records: Sequence[Record]) -> list[_Line]:
             np.abs(np.fft.rfft(part * np.hanning(part.shape[1]), size)) ** 2
             for part in (shown, shown[:, :middle], shown[:, middle:])
         )
+        row, at, ratio = _above_level(power)
+        is_line = np.zeros(power.shape, dtype=bool)
+        is_line[row[ratio >= _ABOVE], at[ratio >= _ABOVE]] = True
         frequency = np.arange(power.shape[1]) * record.rate / size
         power[:, (frequency < _PERIODS / record.duration) | (frequency > _HIGHEST * record.rate)] = 0.0
-        power[after < _GOES_ON * before] = 0.0
+        power[~is_line | (after < _GOES_ON * before)] = 0.0
         power /= np.maximum(power.sum(axis=1, keepdims=True), np.finfo(float).tiny)
         row, at = np.nonzero(power)
         found.append(np.stack([power[row, at], frequency[at], np.full(len(row), -1), row]))

@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.display import enumerated, format_percent
-from linkwise.estimates.causes import EVENT, GAIN_DRIFT, NONLINEARITY, Cause
+from linkwise.estimates.causes import CLOCK, EVENT, GAIN_DRIFT, NONLINEARITY, Cause
 from linkwise.likelihood.checks.horizons import hidden_term
 from linkwise.likelihood.checks.judgement import AS_NOISE, LARGEST_SHIFT, LARGEST_TERM, Examined, Judgement
 from linkwise.likelihood.checks.jumps import event_between, moment
@@ -57,6 +57,7 @@ _SMALL_ERRORS = frozenset(
         "offset",
         "drift",
         "delay",
+        CLOCK,
         "crosstalk",
         "mass",
         "force gain",
