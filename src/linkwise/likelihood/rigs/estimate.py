@@ -23,7 +23,7 @@ from linkwise.estimates.causes import Cause, NoiseEstimate, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.rigs.link_path import LinkPath
-from linkwise.likelihood.rigs.problem import BASE_CHANNEL, RigProblem, cell_name
+from linkwise.likelihood.rigs.problem import BASE_CHANNEL, Cell, RigProblem, cell_name
 from linkwise.likelihood.search import BlockScores
 from linkwise.likelihood.shooting.segmentation import require_same_channels
 from linkwise.likelihood.starts.memory import MemorySearch, Start, unit_sizes
@@ -39,8 +39,6 @@ _OF_PERIOD = 256  # of them in a period of the motion: more make the search long
 _LAST_STEPS = 300
 # residual, relative to the forces, of a trial whose states run away or whose laws are not finite
 _RUNAWAY = 1e6
-
-
 _SINGULAR = 1e-13  # relative eigenvalue of the scaled normal matrix below which it is singular
 _BLOCKS = (20, 10, 5)  # of records: the fewer, the longer the motion that they may be alike in
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
@@ -65,23 +63,45 @@ class RigFit:
 
     @classmethod
     def at(cls, problem: RigProblem, unknowns: Floats, before: RigFit | None = None) -> RigFit:
-        """A rig at some unknowns; the states of its links are sought near those `before`."""
-        return cls(problem, unknowns, problem.paths(unknowns, before.paths if before else None))
+        """A rig at some unknowns; the states of its links are sought near those `before`, or from rest where that fails."""
+        paths = list[LinkPath]()
+        for cell in problem.cells:
+            link = problem.structure.links[cell.link]
+            *own, shift, _ = (cell.from_unknowns @ unknowns).tolist()
+            values = {key: coefficient.value or 0.0 for key, coefficient in link.coefficients.items()}
+            values |= dict(zip(cell.free, own, strict=False))
+            d, v = cell.sign * cell.motion.at_nodes
+            last = before.paths[len(paths)] if before else None
+            near = last.states if last and last.converged else None
+            states = np.array(own[len(cell.free) :])
+            paths.append(LinkPath.of(link.law, values, d + shift, v, cell.motion.step, states, near))
+        fit = cls(problem, unknowns, tuple(paths))
+        return fit if before is None or fit.converged else cls.at(problem, unknowns)
 
     @property
     def converged(self) -> bool:
         """Whether the search ended in a minimum, and all states were found."""
         return self.ended and all(path.converged for path in self.paths)
 
-    @cached_property
-    def residuals(self) -> Floats:
-        """(R,) measured less modelled forces in N."""
-        return self.problem.residuals(self.unknowns, self.paths)
+    @property
+    def _pairs(self) -> Iterator[tuple[Cell, LinkPath]]:
+        return zip(self.problem.cells, self.paths, strict=True)
 
     @cached_property
+    def residuals(self) -> Floats:
+        """(R,) measured less modelled forces in N, 0 where a sample is missing."""
+        shown = [path.force() + cell.from_unknowns[-1] @ self.unknowns for cell, path in self._pairs]
+        return np.nan_to_num(self.problem.measured) - self.problem.at_samples(shown)
+
+    @cached_property
+    @np.errstate(invalid="ignore")  # of laws that are not finite
     def jacobian(self) -> Floats:
         """(R, u) derivatives of the modelled forces by the unknowns."""
-        return self.problem.jacobian(self.paths)
+        along = []
+        for cell, path in self._pairs:
+            slopes = path.by_unknowns(cell.free)
+            along.append(np.column_stack([slopes, np.ones(len(slopes))]) @ cell.from_unknowns)
+        return self.problem.at_samples(along)
 
     @cached_property
     def cells(self) -> Floats:
@@ -92,9 +112,9 @@ class RigFit:
     @cached_property
     def by_motion(self) -> Floats:
         """(R,) standard deviations in N of the modelled forces by the noise of the motion."""
-        rng, cells = np.random.default_rng(_SEED), self.problem.cells
+        rng = np.random.default_rng(_SEED)
         draws = {id(motion): motion.noise_draws(rng, _DRAWS) for motion in self.problem.motions}
-        moved = [path.by_motion(draws[id(own.motion)]) for own, path in zip(cells, self.paths, strict=True)]
+        moved = [path.by_motion(draws[id(cell.motion)]) for cell, path in self._pairs]
         powers = [np.mean(changes**2, axis=1) for changes in moved]
         return np.asarray(np.nan_to_num(np.sqrt(self.problem.at_samples(powers))))
 
@@ -106,6 +126,17 @@ class RigFit:
     @cached_property
     def _freedom(self) -> int:
         return max(int(np.count_nonzero(self.residuals)) - self.problem.size, 1)
+
+    @property
+    def finer(self) -> RigFit | None:
+        """The same in steps half as long; None where these are short enough for the residuals."""
+        substeps = 2 * self.problem.motions[0].substeps
+        if substeps > _MOST_SUBSTEPS or not any(path.law.states for path in self.paths):
+            return None
+        finer = RigFit.at(self.problem.with_substeps(substeps), self.unknowns)
+        change = np.sqrt(np.mean((finer.residuals - self.residuals) ** 2))
+        least = _DISCRETISED * np.sqrt(np.mean(self.residuals**2) / len(self.residuals))
+        return finer if least < change < np.inf else None
 
     @property
     def chi_square(self) -> float:
@@ -184,7 +215,14 @@ class RigFit:
 
     def noise_of_sums(self, rows: Floats, cells: Floats) -> Floats:
         """Covariance (f, f) of sums with weights (R, f) by noise of load cells, `cells` (R,), and of the motion."""
-        white, moved = cells[:, None] * rows, self.problem.noise_of_motion(self.paths, rows)
+        white, row = cells[:, None] * rows, 0
+        # by the noise of each displacement
+        moved = np.zeros((self.problem.cells[-1].samples.stop, rows.shape[1]))
+        for cell, path in self._pairs:
+            spread = np.zeros((len(path.d), rows.shape[1]))
+            spread[:: cell.motion.substeps] = rows[row : row + len(cell.measured)]
+            row += len(cell.measured)
+            moved[cell.samples] += cell.sign * cell.motion.noise_of(path.to_motion(spread))
         return np.asarray(white.T @ white + moved.T @ moved)
 
     def errors_by_parts(self, weighted: Floats, residuals: Floats, known: Floats) -> Floats:
@@ -281,10 +319,11 @@ def rig_fit(problem: RigProblem, given: Mapping[str, float], progress: Progress)
     fit = _lowest(problem, near, progress, "searching from several starts")
     if fit is not None and fit.model_force > 0.0:
         fit = _lowest(problem, _from_sizes(fit), progress, "searching from other sizes", fit)
-    if fit is not None:
-        fit = refined(fit)
-        for _ in range(_REWEIGHTED):
-            fit = minimise(fit.problem, fit.unknowns, fit.weights)
+    rounds = _REWEIGHTED
+    while fit is not None and rounds:
+        fit = minimise(fit.problem, fit.unknowns, fit.weights)
+        finer = fit.finer
+        fit, rounds = (fit, rounds - 1) if finer is None else (finer, _REWEIGHTED)
     if fit is None or not np.isfinite(fit.jacobian).all():
         names = ", ".join(problem.structure.links[link].name for link in problem.links)
         raise IdentificationError(
@@ -326,22 +365,6 @@ def _from_sizes(fit: RigFit) -> list[Floats]:
         for number, parameter in enumerate(problem.parameters)
         if any(key not in problem.structure.links[link].law.linear for link, key in parameter.members)
     ]
-
-
-def refined(fit: RigFit) -> RigFit:
-    """The fit with as many steps between samples as the residuals call for."""
-    while True:
-        size = float(np.sqrt(np.mean(fit.residuals**2)))
-        level = np.hypot(fit.cells, max(size - float(np.mean(fit.cells)), 0.0))
-        fit = minimise(fit.problem, fit.unknowns, 1.0 / level)
-        substeps = 2 * fit.problem.motions[0].substeps
-        if substeps > _MOST_SUBSTEPS or not any(path.law.states for path in fit.paths):
-            return fit
-        finer = RigFit.at(fit.problem.with_substeps(substeps), fit.unknowns)
-        change = np.sqrt(np.mean((finer.residuals - fit.residuals) ** 2))
-        if not _DISCRETISED * size / np.sqrt(len(fit.residuals)) < change < np.inf:
-            return fit
-        fit = finer
 
 
 _LARGEST_ERROR = 0.1
@@ -435,7 +458,7 @@ def _hypotheses(fit: RigFit) -> Iterator[tuple[Hypothesis, Floats]]:
     unknowns, and of each link forms of force that its law may lack, and a delay of its load cell, to first order.
     """
     problem, paths = fit.problem, fit.paths
-    every = replace(problem, offsets=problem.sensors).jacobian(paths)
+    every = replace(fit, problem=replace(problem, offsets=problem.sensors)).jacobian
     for number, channel in enumerate(problem.sensors, start=len(problem.parameters)):
         if channel not in problem.offsets:
             yield Hypothesis("offset", channel, unit=channel.unit), every[:, number]
@@ -461,15 +484,16 @@ def _column(fit: RigFit, link: int, along: Sequence[Floats]) -> Floats:
 def rig_estimate(
     records: Sequence[Record],
     structure: Structure,
+    given: Mapping[str, float],
+    progress: Progress,
     *,
     offsets: Sequence[str],
-    admitted: Sequence[str],
-    starts: Mapping[str, float],
-    progress: Progress,
+    finds_more: bool,
 ) -> Estimate:
     """Estimate the unknowns of links between the base and the ground, whose forces load cells show.
 
-    `offsets` are channels with an unknown constant error; with "offset" `admitted`, those that the diagnosis names are added.
+    `given` are starts by name, and `offsets` channels with an unknown constant error, beside which it `finds_more`: those that
+    the diagnosis names.
     """
     require_same_channels(records)
     problem = RigProblem.of(records, structure)
@@ -482,10 +506,10 @@ def rig_estimate(
     asked = set(offsets)
     while True:
         problem = replace(problem, offsets=tuple(name for name in problem.sensors if name in asked))
-        fit = rig_fit(problem, starts, progress)
+        fit = rig_fit(problem, given, progress)
         causes = rig_causes(fit)
         likeliest = causes[0].where if causes and causes[0].kind == "offset" else None
-        if "offset" not in admitted or likeliest is None or likeliest in asked:
+        if not finds_more or likeliest is None or likeliest in asked:
             return _estimate(fit, records, causes)
         asked.add(likeliest)
 

@@ -16,7 +16,6 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.rigs.link_path import LinkPath
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import Channel
@@ -193,20 +192,6 @@ class RigProblem:
             sample = samples.stop
         return tuple(cells)
 
-    def paths(self, unknowns: Floats, before: Sequence[LinkPath] | None = None) -> tuple[LinkPath, ...]:
-        """The links along the motions; states are sought near those `before`, or from rest where that fails."""
-        paths = []
-        for number, cell in enumerate(self.cells):
-            link, (*own, shift, _) = self.structure.links[cell.link], (cell.from_unknowns @ unknowns).tolist()
-            values = {key: coefficient.value or 0.0 for key, coefficient in link.coefficients.items()}
-            values |= dict(zip(cell.free, own, strict=False))
-            d, v = cell.sign * cell.motion.at_nodes
-            near = None if before is None or not before[number].converged else before[number].states
-            states = np.array(own[len(cell.free) :])
-            paths.append(LinkPath.of(link.law, values, d + shift, v, cell.motion.step, states, near))
-        settled = before is None or all(path.converged for path in paths)
-        return tuple(paths) if settled else self.paths(unknowns)
-
     @cached_property
     def measured(self) -> Floats:
         """(R,) samples of all load cells."""
@@ -218,31 +203,6 @@ class RigProblem:
         rows = np.concatenate(every)
         rows[~np.isfinite(self.measured)] = 0.0
         return rows
-
-    def residuals(self, unknowns: Floats, paths: Sequence[LinkPath]) -> Floats:
-        """Measured less modelled forces (R,) in N, 0 where a sample is missing."""
-        pairs = zip(self.cells, paths, strict=True)
-        shown = [path.force() + cell.from_unknowns[-1] @ unknowns for cell, path in pairs]
-        return np.nan_to_num(self.measured) - self.at_samples(shown)
-
-    @np.errstate(invalid="ignore")  # of laws that are not finite
-    def jacobian(self, paths: Sequence[LinkPath]) -> Floats:
-        """(R, u) derivatives of the modelled forces by the unknowns."""
-        along = []
-        for cell, path in zip(self.cells, paths, strict=True):
-            slopes = path.by_unknowns(cell.free)
-            along.append(np.column_stack([slopes, np.ones(len(slopes))]) @ cell.from_unknowns)
-        return self.at_samples(along)
-
-    def noise_of_motion(self, paths: Sequence[LinkPath], weights: Floats) -> Floats:
-        """(M, q) how sums of modelled forces with weights (R, q) change with the noise of each displacement sample."""
-        moved, row = np.zeros((self.cells[-1].samples.stop, weights.shape[1])), 0
-        for cell, path in zip(self.cells, paths, strict=True):
-            spread = np.zeros((len(path.d), weights.shape[1]))
-            spread[:: cell.motion.substeps] = weights[row : row + len(cell.measured)]
-            row += len(cell.measured)
-            moved[cell.samples] += cell.sign * cell.motion.noise_of(path.to_motion(spread))
-        return moved
 
 
 def cell_name(structure: Structure, link: int) -> Channel:
