@@ -289,7 +289,7 @@ def _refinement(record: Record, structure: Structure) -> int:
     masses, columns = structure.mass_values, structure.topology.columns
     fastest = 0.0
     for index, link in enumerate(structure.links):
-        slopes = true_path(link, index, record).tangents(()).rows  # (N, 1 + S, 2 + S)
+        slopes = true_path(link, index, record).slopes()  # (N, 1 + S, 2 + S)
         # held by states, too
         stiffness = slopes[:, 0, 0] + np.sum(slopes[:, 0, 2:] * slopes[:, 1:, 1], axis=1)
         mobility = sum(part**2 / masses[mass] for mass, part in columns[index])

@@ -304,7 +304,7 @@ class Limit(JudgedView):
         link, (d, v) = self.structure.links[index], true_motion(self.record, index)
         if not link.law.is_plain:
             path, names = true_path(link, index, self.record), link.law.coefficients
-            force, slopes = path.force(), path.tangents(names).by_unknowns()
+            force, slopes = path.force(), path.by_unknowns(names)
             deviation = self._deviation(index, dict(zip(names, slopes.T, strict=False)), d.shape)
         else:
             force, deviation = link.force(d), self.force_deviation(link.name, d)

@@ -42,8 +42,8 @@ from linkwise.identification.validation_result import (
     ErrorSpectrum,
     Validation,
 )
-from linkwise.likelihood.rigs.estimate import Minimum, minimise, motion_deviations
-from linkwise.likelihood.rigs.problem import BASE_CHANNEL, RigProblem, cell_name, cell_noise
+from linkwise.likelihood.rigs.estimate import RigFit, minimise
+from linkwise.likelihood.rigs.problem import BASE_CHANNEL, RigProblem, cell_name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import COMMON, SensorUncertainty
@@ -422,51 +422,51 @@ def _on_rig(
         of_structure = RigProblem.of([scored], structure).with_substeps(_SUBSTEPS)
     except IdentificationError as error:
         raise RecordError(str(error)) from None
-    noise = cell_noise([scored])
     free, theta, known = given.uncertain
-    problem = replace(of_structure, structure=free)
-    minimum, covariance = _started(of_structure, noise, samples)
-    minimum = Minimum(np.append(theta, minimum.unknowns), minimum.cost, minimum.paths, minimum.converged)
-    count, cells = len(scored), len(problem.links)
-    slopes = problem.jacobian(minimum.paths).reshape(cells, count, -1)
+    started, covariance = _started(of_structure, samples)
+    fit = replace(
+        started, problem=replace(of_structure, structure=free), unknowns=np.append(theta, started.unknowns)
+    )
+    count, cells = len(scored), fit.problem.cells
+    slopes = fit.jacobian.reshape(len(cells), count, -1)
     of_states = slopes[..., len(theta) :], covariance
     of_coefficients = slopes[..., : len(theta)], known
-    moved = motion_deviations(problem, minimum).reshape(cells, count)
-    motion = problem.motions[0]
-    every = motion.substeps
-    predicted = np.stack([path.force()[::every] for path in minimum.paths], axis=1)
+    moved = fit.by_motion.reshape(len(cells), count)
+    predicted = np.stack([path.force()[::_SUBSTEPS] for path in fit.paths], axis=1)
     predicted[:samples] = np.nan
-    spread = np.zeros((count, cells)) + law_error * np.nanstd(predicted, axis=0)
+    spread = np.zeros(predicted.shape) + law_error * np.nanstd(predicted, axis=0)
+    d, v = fit.problem.motions[0].at_samples[:, :, None] * structure.base_incidence
     prediction = Prediction(
         predicted=predicted,
         variances=np.stack([_variance(*of_states), _variance(*of_coefficients), spread**2], axis=1),
-        d=np.outer(motion.d[::every], structure.base_incidence),
-        v=np.outer(motion.v[::every], structure.base_incidence),
+        d=d,
+        v=v,
     )
     levels: dict[str, float] = {
-        cell.channel: float(np.hypot(noise[cell.channel], np.sqrt(np.mean(own**2))))
-        for cell, own in zip(problem.cells, moved, strict=True)
+        cell.channel: float(
+            np.hypot(fit.problem.noise[cell.channel], np.sqrt(np.mean(own[np.isfinite(cell.measured)] ** 2)))
+        )
+        for cell, own in zip(cells, moved, strict=True)
     }
     progress(ProgressReport(1.0, "forces along the motion"))
     variance = np.where(np.isnan(predicted), np.nan, prediction.variances.sum(axis=1))
     return samples, prediction, (predicted, variance), levels
 
 
-def _started(problem: RigProblem, noise: dict[str, float], burn: int) -> tuple[Minimum, Floats]:
+def _started(problem: RigProblem, burn: int) -> tuple[RigFit, Floats]:
     """The states at the start that explain the forces of the first `burn` samples best, and their covariance."""
-    cells = [(len(cell.measured), noise[cell.channel]) for cell in problem.cells]
-    weights = np.concatenate([np.where(np.arange(n) < burn, 1.0 / sigma, 0.0) for n, sigma in cells])
-    start = np.zeros(problem.size)
-    paths = problem.paths(start)
-    if not all(path.converged for path in paths):
+    fit = RigFit.at(problem, np.zeros(problem.size))
+    if not fit.converged:
         raise RecordError("the states of a link run away along the recorded motion")
-    minimum = minimise(problem, start, weights) if problem.size else Minimum(start, 0.0, paths, True)
-    slopes = weights[:, None] * problem.jacobian(minimum.paths)
+    burnt = [np.arange(len(cell.measured)) < burn for cell in problem.cells]
+    weights = np.concatenate(burnt) / fit.cells
+    fit = minimise(problem, fit.unknowns, weights) if problem.size else fit
+    slopes = weights[:, None] * fit.jacobian
     normal = slopes.T @ slopes
-    powers = np.concatenate([np.mean(path.states**2, axis=0) for path in minimum.paths])
+    powers = np.concatenate([np.mean(path.states**2, axis=0) for path in fit.paths])
     # a state that the start does not show, as behind backlash, is as uncertain as it is large later on
     normal += _PRIOR * np.diag(normal.diagonal()) + np.diag(1.0 / np.where(powers > 0.0, powers, 1.0))
-    return minimum, np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    return fit, np.asarray(np.linalg.inv(normal), dtype=np.float64)
 
 
 def _variance(slopes: Floats, covariance: Floats) -> Floats:

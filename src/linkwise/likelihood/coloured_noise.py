@@ -17,7 +17,6 @@ D. W. K. Andrews and J. C. Monahan, Econometrica 60, 953 (1992), for whitening b
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +24,7 @@ import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.noise import degrees_of_freedom, evidence
-from linkwise.likelihood.shooting.linear_model import EliminatedRows, eliminated_rows
+from linkwise.likelihood.shooting.linear_model import eliminated_rows
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.whiteness import is_white
@@ -124,16 +123,13 @@ class ColouredNoise:
         power = self._spectrum(channel, len(white))[: len(white) // 2 + 1, None]
         return np.asarray(np.fft.irfft(np.fft.rfft(white, axis=0) * np.sqrt(power), len(white), axis=0))
 
-    def score_covariance(self, rows: Iterable[EliminatedRows], linked: Bools, samples: int) -> Floats:
-        """(p, p) covariance that this noise gives to the sums of `rows` times residuals, in segments of so many `samples`.
+    def score_covariance(self, rows: Floats, linked: Bools, samples: int) -> Floats:
+        """(p, p) covariance that this noise gives to the sums of `rows` (K, M C, p) times residuals, in segments of so many
+        `samples`.
 
         With white noise of unit variance it would be the information.
         """
-        chunks = [
-            chunk.data.reshape(len(chunk.data), samples, -1, chunk.data.shape[-1]).transpose(1, 2, 0, 3)
-            for chunk in rows
-        ]
-        columns = np.concatenate(chunks, axis=2)
+        columns = rows.reshape(len(rows), samples, -1, rows.shape[2]).transpose(1, 2, 0, 3)
         total = np.zeros((columns.shape[-1],) * 2)
         for channel in range(len(self.innovations)):
             along = in_time(columns[:, channel].transpose(0, 2, 1), linked, fill=0.0)

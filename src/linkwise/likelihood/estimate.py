@@ -276,7 +276,6 @@ class MaximumLikelihood(AskedFor, Estimator):
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
         errors, admitted = errors_to_find(records, self), self._admitted
         require_known_kinds(admitted)
-        offsets = [one.channel for one in of_kind(errors, Offset)]
         requests = {
             "harmonic forces": self.harmonics,
             "random forces": self.ambient,
@@ -291,14 +290,9 @@ class MaximumLikelihood(AskedFor, Estimator):
             raise IdentificationError(
                 f"{', '.join(named)}: not supported for links alone on a rig, where only offsets of sensors can be found"
             )
-        return rig_estimate(
-            records,
-            structure,
-            offsets=offsets,
-            admitted=admitted,
-            starts=dict(self.starts or {}),
-            progress=progress,
-        )
+        offsets, given = [one.channel for one in errors], self.starts or {}
+        more = "offset" in admitted
+        return rig_estimate(records, structure, given, progress, offsets=offsets, finds_more=more)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from linkwise.estimates.causes import Cause, NoiseEstimate, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.rigs.link_path import LinkPath
-from linkwise.likelihood.rigs.problem import BASE_CHANNEL, RigProblem, cell_name, cell_noise
+from linkwise.likelihood.rigs.problem import BASE_CHANNEL, Cell, RigProblem, cell_name
 from linkwise.likelihood.search import BlockScores
 from linkwise.likelihood.shooting.segmentation import require_same_channels
 from linkwise.likelihood.starts.memory import MemorySearch, Start, unit_sizes
@@ -39,132 +39,123 @@ _OF_PERIOD = 256  # of them in a period of the motion: more make the search long
 _LAST_STEPS = 300
 # residual, relative to the forces, of a trial whose states run away or whose laws are not finite
 _RUNAWAY = 1e6
-
-
-@dataclass(frozen=True, eq=False)
-class Minimum:
-    """Unknowns (u,) at a minimum, `cost` the sum of weighted squares there, the paths, and whether the search ended."""
-
-    unknowns: Floats
-    cost: float
-    paths: tuple[LinkPath, ...]
-    converged: bool
-
-
-def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int = _LAST_STEPS) -> Minimum:
-    """The minimum of the squares of weighted residuals near `start`, within bounds; priors count."""
-    low, high, likely, certainty = problem.beforehand
-    last: tuple[LinkPath, ...] | None = None
-
-    @lru_cache(maxsize=1)
-    def paths_at(*unknowns: float) -> tuple[LinkPath, ...]:
-        """The links along the motions, sought near those asked for before."""
-        nonlocal last
-        last = problem.paths(np.array(unknowns), last)
-        return last
-
-    def residuals(unknowns: Floats) -> Floats:
-        paths = paths_at(*unknowns)
-        left = np.where(weights > 0.0, problem.residuals(unknowns, paths), 0.0)
-        if not (all(path.converged for path in paths) and np.isfinite(left).all()):
-            return np.full(len(weights) + len(likely), _RUNAWAY)
-        rows = np.clip(weights * left, -_RUNAWAY, _RUNAWAY)
-        return np.concatenate([rows, certainty * (likely - unknowns)])
-
-    def jacobian(unknowns: Floats) -> Floats:
-        slopes = -weights[:, None] * problem.jacobian(paths_at(*unknowns))
-        return np.concatenate([np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0), -np.diag(certainty)])
-
-    inside = np.clip(start, low, high)
-    with np.errstate(all="ignore"):
-        optimum = scipy.optimize.least_squares(
-            residuals,
-            inside,
-            jacobian,
-            bounds=(low, high),
-            x_scale="jac",
-            max_nfev=steps,
-            xtol=1e-9,
-            ftol=1e-9,
-        )
-        unknowns = np.asarray(optimum.x)
-        end = paths_at(*unknowns)
-    return Minimum(
-        unknowns, 2.0 * float(optimum.cost), end, bool(optimum.status > 0) and all(p.converged for p in end)
-    )
-
-
-def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]:
-    """Values of the parameters from which little of the forces is left, the best first; `given` starts by name are kept near.
-
-    They are searched for in the liveliest part of the first record, without the means of the forces where a zero is unknown.
-    """
-    motion, forces = problem.motions[0], problem.forces[0]
-    thinned = max(motion.period // _OF_PERIOD, 1)
-    count = min(_SEARCHED * thinned, len(next(iter(forces.values()))))
-    first = motion.liveliest(count)
-    searched = slice(first, first + count, thinned)
-    d, v = (
-        np.outer(along[:: motion.substeps][searched], problem.structure.base_incidence)
-        for along in (motion.d, motion.v)
-    )
-    shown: dict[str, Floats] = {
-        cell_name(problem.structure, link): bridged(force)[searched] for link, force in forces.items()
-    }
-    slow = int(bool(problem.offsets))
-    step = thinned * motion.step * motion.substeps
-    return MemorySearch(problem.structure, step, d, v, shown, given, {}, slow, sharp=True).minima()
-
-
 _SINGULAR = 1e-13  # relative eigenvalue of the scaled normal matrix below which it is singular
 _BLOCKS = (20, 10, 5)  # of records: the fewer, the longer the motion that they may be alike in
-
-
-_MOST_SUBSTEPS = 32
-_DISCRETISED = 0.5  # of the residuals over the root of their number: what finer steps may change, far below errors of noise
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
 _SIGMAS = 5.0  # and its own scatter
-_REWEIGHTED = 3
 _DRAWS = 32  # of the noise of the motion, for the size of what it does to the forces
 _SEED = 7
-_NEAR = 3.0  # times the misfit of the best start beyond which another is not worth a search
-_WHOLE_STEPS = 60  # of a search from each
 
 
 @dataclass(frozen=True, eq=False)
 class RigFit:
-    """A minimum of the weighted squares of what load cells show beside the laws, and their `noise` in N by channel."""
+    """A rig at its unknowns (u,), with the links along its motions.
+
+    After a search `cost` is the sum of the weighted squares of what load cells show beside the laws, and `ended` says whether
+    that is a minimum.
+    """
 
     problem: RigProblem
-    minimum: Minimum
-    noise: Mapping[str, float]
+    unknowns: Floats
+    paths: tuple[LinkPath, ...]
+    cost: float = 0.0
+    ended: bool = True
+
+    @classmethod
+    def at(cls, problem: RigProblem, unknowns: Floats, before: RigFit | None = None) -> RigFit:
+        """A rig at some unknowns; the states of its links are sought near those `before`, or from rest where that fails."""
+        paths = list[LinkPath]()
+        for cell in problem.cells:
+            link = problem.structure.links[cell.link]
+            *own, shift, _ = (cell.from_unknowns @ unknowns).tolist()
+            values = {key: coefficient.value or 0.0 for key, coefficient in link.coefficients.items()}
+            values |= dict(zip(cell.free, own, strict=False))
+            d, v = cell.sign * cell.motion.at_nodes
+            last = before.paths[len(paths)] if before else None
+            near = last.states if last and last.converged else None
+            states = np.array(own[len(cell.free) :])
+            paths.append(LinkPath.of(link.law, values, d + shift, v, cell.motion.step, states, near))
+        fit = cls(problem, unknowns, tuple(paths))
+        return fit if before is None or fit.converged else cls.at(problem, unknowns)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search ended in a minimum, and all states were found."""
+        return self.ended and all(path.converged for path in self.paths)
+
+    @property
+    def _pairs(self) -> Iterator[tuple[Cell, LinkPath]]:
+        return zip(self.problem.cells, self.paths, strict=True)
 
     @cached_property
     def residuals(self) -> Floats:
-        """(R,) measured less modelled forces in N."""
-        return self.problem.residuals(self.minimum.unknowns, self.minimum.paths)
+        """(R,) measured less modelled forces in N, 0 where a sample is missing."""
+        shown = [path.force() + cell.from_unknowns[-1] @ self.unknowns for cell, path in self._pairs]
+        return np.nan_to_num(self.problem.measured) - self.problem.at_samples(shown)
+
+    @cached_property
+    @np.errstate(invalid="ignore")  # of laws that are not finite
+    def jacobian(self) -> Floats:
+        """(R, u) derivatives of the modelled forces by the unknowns."""
+        along = []
+        for cell, path in self._pairs:
+            slopes = path.by_unknowns(cell.free)
+            along.append(np.column_stack([slopes, np.ones(len(slopes))]) @ cell.from_unknowns)
+        return self.problem.at_samples(along)
 
     @cached_property
     def cells(self) -> Floats:
         """(R,) standard deviations in N of the noise of load cells alone."""
-        cells = self.problem.cells
-        return np.concatenate([np.full(len(cell.measured), self.noise[cell.channel]) for cell in cells])
+        cells, noise = self.problem.cells, self.problem.noise
+        return np.concatenate([np.full(len(cell.measured), noise[cell.channel]) for cell in cells])
+
+    @cached_property
+    def by_motion(self) -> Floats:
+        """(R,) standard deviations in N of the modelled forces by the noise of the motion."""
+        rng = np.random.default_rng(_SEED)
+        draws = {id(motion): motion.noise_draws(rng, _DRAWS) for motion in self.problem.motions}
+        moved = [path.by_motion(draws[id(cell.motion)]) for cell, path in self._pairs]
+        powers = [np.mean(changes**2, axis=1) for changes in moved]
+        return np.asarray(np.nan_to_num(np.sqrt(self.problem.at_samples(powers))))
 
     @cached_property
     def deviations(self) -> Floats:
         """(R,) standard deviations in N of the residuals from the noise of load cells and motion."""
-        return np.hypot(self.cells, motion_deviations(self.problem, self.minimum))
+        return np.hypot(self.cells, self.by_motion)
 
     @cached_property
-    def model_force(self) -> float:
-        """Standard deviation in N of what the laws leave beside noise, 0 where noise explains the residuals."""
-        return _model_force(self.residuals, self.deviations, self.problem.size)
+    def _freedom(self) -> int:
+        return max(int(np.count_nonzero(self.residuals)) - self.problem.size, 1)
+
+    @property
+    def finer(self) -> RigFit | None:
+        """The same in steps half as long; None where these are short enough for the residuals."""
+        substeps = 2 * self.problem.motions[0].substeps
+        if substeps > _MOST_SUBSTEPS or not any(path.law.states for path in self.paths):
+            return None
+        finer = RigFit.at(self.problem.with_substeps(substeps), self.unknowns)
+        change = np.sqrt(np.mean((finer.residuals - self.residuals) ** 2))
+        least = _DISCRETISED * np.sqrt(np.mean(self.residuals**2) / len(self.residuals))
+        return finer if least < change < np.inf else None
 
     @property
     def chi_square(self) -> float:
         """Per degree of freedom, of noise alone."""
-        freedom = max(int(np.count_nonzero(self.residuals)) - self.problem.size, 1)
-        return float(np.sum((self.residuals / self.deviations) ** 2)) / freedom
+        return float(np.sum((self.residuals / self.deviations) ** 2)) / self._freedom
+
+    @cached_property
+    def model_force(self) -> float:
+        """Standard deviation in N of what the laws leave beside noise, by which chi-square is 1; 0 where noise explains it."""
+        if self.chi_square <= 1.0 + _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / self._freedom):
+            return 0.0
+        squares, variances = self.residuals**2, self.deviations**2
+        most = float(np.sum(squares)) / self._freedom
+
+        def missing(excess: float) -> float:
+            return float(np.sum(squares / (variances + most * excess))) - self._freedom
+
+        # at 1 nothing is missing, up to rounding, where deviations are next to nothing
+        return float(np.sqrt(most * scipy.optimize.brentq(missing, 0.0, 2.0)))
 
     @property
     def weights(self) -> Floats:
@@ -174,14 +165,14 @@ class RigFit:
     @cached_property
     def free(self) -> Bools:
         """(u,) False at a bound."""
-        (low, high), unknowns = self.problem.beforehand[:2], self.minimum.unknowns
+        (low, high), unknowns = self.problem.beforehand[:2], self.unknowns
         size = 1e-7 * (np.abs(unknowns) + np.where(np.isfinite(high - low), high - low, 0.0))
         return np.asarray((unknowns - low > size) & (high - unknowns > size), dtype=bool)
 
     @cached_property
     def weighted(self) -> Floats:
         """(R, f) derivatives of the modelled forces by free unknowns, in standard deviations of the residuals."""
-        return self.weights[:, None] * self.problem.jacobian(self.minimum.paths)[:, self.free]
+        return self.weights[:, None] * self.jacobian[:, self.free]
 
     @cached_property
     def _inverse(self) -> tuple[Floats, bool]:
@@ -224,7 +215,14 @@ class RigFit:
 
     def noise_of_sums(self, rows: Floats, cells: Floats) -> Floats:
         """Covariance (f, f) of sums with weights (R, f) by noise of load cells, `cells` (R,), and of the motion."""
-        white, moved = cells[:, None] * rows, self.problem.noise_of_motion(self.minimum.paths, rows)
+        white, row = cells[:, None] * rows, 0
+        # by the noise of each displacement
+        moved = np.zeros((self.problem.cells[-1].samples.stop, rows.shape[1]))
+        for cell, path in self._pairs:
+            spread = np.zeros((len(path.d), rows.shape[1]))
+            spread[:: cell.motion.substeps] = rows[row : row + len(cell.measured)]
+            row += len(cell.measured)
+            moved[cell.samples] += cell.sign * cell.motion.noise_of(path.to_motion(spread))
         return np.asarray(white.T @ white + moved.T @ moved)
 
     def errors_by_parts(self, weighted: Floats, residuals: Floats, known: Floats) -> Floats:
@@ -234,9 +232,8 @@ class RigFit:
         known of them beforehand.
         """
         cells = self.problem.cells
-        firsts = np.cumsum([0, *(len(motion.d[:: motion.substeps]) for motion in self.problem.motions)])
-        at = np.concatenate([firsts[cell.record] + np.arange(len(cell.measured)) for cell in cells])
-        parts = [at * _BLOCKS[0] // firsts[-1] == block for block in range(_BLOCKS[0])]
+        places = np.concatenate([np.arange(cell.samples.start, cell.samples.stop) for cell in cells])
+        parts = [places * _BLOCKS[0] // cells[-1].samples.stop == block for block in range(_BLOCKS[0])]
         rows = (self.weights * residuals)[:, None] * weighted
         blocks = BlockScores(
             np.stack([rows[part].sum(axis=0) for part in parts]),
@@ -245,35 +242,110 @@ class RigFit:
         return np.asarray(np.max([blocks.merged(count).by_scores() for count in _BLOCKS], axis=0))
 
 
-def rig_fit(
-    problem: RigProblem, noise: Mapping[str, float], given: Mapping[str, float], progress: Progress
-) -> RigFit:
-    """Fit a rig; `noise` in N is that of load cells by channel, `given` starts by name."""
+def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int = _LAST_STEPS) -> RigFit:
+    """The minimum of the squares of weighted residuals near `start`, within bounds; priors count."""
+    low, high, likely, certainty = problem.beforehand
+    last: RigFit | None = None
+
+    @lru_cache(maxsize=1)
+    def at(*unknowns: float) -> RigFit:
+        """The rig at some unknowns, its states sought near those asked for before."""
+        nonlocal last
+        last = RigFit.at(problem, np.array(unknowns), last)
+        return last
+
+    def residuals(unknowns: Floats) -> Floats:
+        trial = at(*unknowns)
+        left = np.where(weights > 0.0, trial.residuals, 0.0)
+        if not (trial.converged and np.isfinite(left).all()):
+            return np.full(len(weights) + len(likely), _RUNAWAY)
+        rows = np.clip(weights * left, -_RUNAWAY, _RUNAWAY)
+        return np.concatenate([rows, certainty * (likely - unknowns)])
+
+    def jacobian(unknowns: Floats) -> Floats:
+        slopes = -weights[:, None] * at(*unknowns).jacobian
+        return np.concatenate([np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0), -np.diag(certainty)])
+
+    inside = np.clip(start, low, high)
+    with np.errstate(all="ignore"):
+        optimum = scipy.optimize.least_squares(
+            residuals,
+            inside,
+            jacobian,
+            bounds=(low, high),
+            x_scale="jac",
+            max_nfev=steps,
+            xtol=1e-9,
+            ftol=1e-9,
+        )
+        end = at(*optimum.x)
+    return replace(end, cost=2.0 * float(optimum.cost), ended=bool(optimum.status > 0))
+
+
+def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]:
+    """Values of the parameters from which little of the forces is left, the best first; `given` starts by name are kept near.
+
+    They are searched for in the samples in a row of the first record that move most, without the means of the forces where a
+    zero is unknown.
+    """
+    motion, forces = problem.motions[0], problem.forces[0]
+    d, v = motion.at_samples
+    period = int(2.0 * np.pi * float(np.std(d)) / (float(np.std(v)) or 1.0) * motion.spline.rate)
+    thinned = max(period // _OF_PERIOD, 1)
+    count = min(_SEARCHED * thinned, len(d))
+    power = np.append(0.0, np.cumsum(v**2))
+    first = int(np.argmax(power[count:] - power[:-count]))
+    searched = slice(first, first + count, thinned)
+    d, v = (np.outer(own[searched], problem.structure.base_incidence) for own in (d, v))
+    shown: dict[str, Floats] = {
+        cell_name(problem.structure, link): bridged(force)[searched] for link, force in forces.items()
+    }
+    slow = int(bool(problem.offsets))
+    step = thinned / motion.spline.rate
+    return MemorySearch(problem.structure, step, d, v, shown, given, {}, slow, sharp=True).minima()
+
+
+_MOST_SUBSTEPS = 32
+_DISCRETISED = 0.5  # of the residuals over the root of their number: what finer steps may change, far below errors of noise
+_REWEIGHTED = 3
+_NEAR = 3.0  # times the misfit of the best start beyond which another is not worth a search
+_WHOLE_STEPS = 60  # of a search from each
+
+
+def rig_fit(problem: RigProblem, given: Mapping[str, float], progress: Progress) -> RigFit:
+    """Fit a rig; `given` are starts by name."""
     found, beside = starts(problem, given), np.zeros(problem.size - len(problem.parameters))
     near = [np.append(one.values, beside) for one in found if one.misfit <= _NEAR * found[0].misfit]
-    best = _lowest(problem, near, progress, "searching from several starts")
-    if best is None:
-        raise _not_finite(problem)
-    fit = RigFit(problem, best, noise)
-    if fit.model_force > 0.0:
-        other = _lowest(problem, _from_sizes(problem, best.unknowns), progress, "searching from other sizes")
-        fit = fit if other is None or best.cost <= other.cost else replace(fit, minimum=other)
-    fit = refined(fit)
-    for _ in range(_REWEIGHTED):
-        fit = replace(fit, minimum=minimise(fit.problem, fit.minimum.unknowns, fit.weights))
-    if not np.isfinite(fit.problem.jacobian(fit.minimum.paths)).all():
-        raise _not_finite(problem)
+    fit = _lowest(problem, near, progress, "searching from several starts")
+    if fit is not None and fit.model_force > 0.0:
+        fit = _lowest(problem, _from_sizes(fit), progress, "searching from other sizes", fit)
+    rounds = _REWEIGHTED
+    while fit is not None and rounds:
+        fit = minimise(fit.problem, fit.unknowns, fit.weights)
+        finer = fit.finer
+        fit, rounds = (fit, rounds - 1) if finer is None else (finer, _REWEIGHTED)
+    if fit is None or not np.isfinite(fit.jacobian).all():
+        names = ", ".join(problem.structure.links[link].name for link in problem.links)
+        raise IdentificationError(
+            f"no values were found with which the law of {names} and its derivatives are finite along the recorded motion; "
+            "give starting values with which they are, or bounds of its coefficients"
+        )
     return fit
 
 
-def _lowest(problem: RigProblem, proposed: Sequence[Floats], progress: Progress, what: str) -> Minimum | None:
-    """The lowest of the minima near unknowns (u,) that are proposed, all samples weighing alike; None if none is finite."""
-    weights, minima = np.full(len(problem.measured), 1.0 / _level(problem)), []
+def _lowest(
+    problem: RigProblem, proposed: Sequence[Floats], progress: Progress, what: str, best: RigFit | None = None
+) -> RigFit | None:
+    """The lowest of the minima near unknowns (u,) that are proposed, all samples weighing alike, unless one is known that is
+    the `best`; None if none is finite.
+    """
+    weights = np.full(len(problem.measured), 1.0 / _level(problem))
     for number, unknowns in enumerate(proposed, start=1):
-        minima.append(minimise(problem, unknowns, weights, steps=_WHOLE_STEPS))
+        own = minimise(problem, unknowns, weights, steps=_WHOLE_STEPS)
+        if np.isfinite(own.residuals).all() and (best is None or own.cost < best.cost):
+            best = own
         progress(ProgressReport(number / len(proposed), what))
-    finite = [own for own in minima if np.isfinite(problem.residuals(own.unknowns, own.paths)).all()]
-    return min(finite, key=lambda minimum: minimum.cost, default=None)
+    return best
 
 
 def _level(problem: RigProblem) -> float:
@@ -281,72 +353,18 @@ def _level(problem: RigProblem) -> float:
     return max(float(np.nanstd(problem.measured)), np.finfo(float).tiny)
 
 
-def _from_sizes(problem: RigProblem, best: Floats) -> list[Floats]:
+def _from_sizes(fit: RigFit) -> list[Floats]:
     """The unknowns (u,) with one parameter, in which forces are not linear, at the size that its unit implies: what a start
     does not depend on may be decades off.
     """
-    motion = problem.motions[0]
-    sizes = unit_sizes(problem.parameters, motion.d, motion.v, _level(problem))
+    problem = fit.problem
+    d, v = problem.motions[0].at_nodes
+    sizes = unit_sizes(problem.parameters, d, v, _level(problem))
     return [
-        np.where(np.arange(problem.size) == number, sizes[parameter.name], best)
+        np.where(np.arange(problem.size) == number, sizes[parameter.name], fit.unknowns)
         for number, parameter in enumerate(problem.parameters)
         if any(key not in problem.structure.links[link].law.linear for link, key in parameter.members)
     ]
-
-
-def _not_finite(problem: RigProblem) -> IdentificationError:
-    names = ", ".join(problem.structure.links[link].name for link in problem.links)
-    return IdentificationError(
-        f"no values were found with which the law of {names} and its derivatives are finite along the recorded motion; give "
-        "starting values with which they are, or bounds of its coefficients"
-    )
-
-
-def refined(fit: RigFit) -> RigFit:
-    """The fit with as many steps between samples as the residuals call for."""
-    while True:
-        problem, minimum = fit.problem, fit.minimum
-        size = float(np.sqrt(np.mean(fit.residuals**2)))
-        level = np.hypot(fit.cells, max(size - float(np.mean(fit.cells)), 0.0))
-        minimum = minimise(problem, minimum.unknowns, 1.0 / level)
-        fit, substeps = replace(fit, minimum=minimum), 2 * problem.motions[0].substeps
-        if substeps > _MOST_SUBSTEPS or not any(path.law.states for path in minimum.paths):
-            return fit
-        finer = problem.with_substeps(substeps)
-        paths = finer.paths(minimum.unknowns)
-        change = finer.residuals(minimum.unknowns, paths) - fit.residuals
-        allowed = _DISCRETISED * size / np.sqrt(len(fit.residuals))
-        if not allowed < np.sqrt(np.mean(change**2)) < np.inf:
-            return fit
-        fit = replace(fit, problem=finer, minimum=replace(minimum, paths=paths))
-
-
-def motion_deviations(problem: RigProblem, minimum: Minimum) -> Floats:
-    """(R,) standard deviations in N of the modelled forces by the noise of the motion."""
-    rng = np.random.default_rng(_SEED)
-    changes = [motion.noise_draws(rng, _DRAWS) for motion in problem.motions]
-    rows = []
-    for cell, path in zip(problem.cells, minimum.paths, strict=True):
-        moved = path.tangents(tuple(cell.free)).by_motion(*changes[cell.record])
-        moved = moved[:: cell.motion.substeps]
-        rows.append(np.sqrt(np.mean(moved**2, axis=1)))
-    return np.asarray(np.nan_to_num(np.concatenate(rows)))
-
-
-def _model_force(residuals: Floats, deviations: Floats, unknowns: int) -> float:
-    """Standard deviation beside `deviations` with which the residuals have a chi-square of 1; 0 where noise explains them."""
-    is_measured = residuals != 0.0
-    count = max(int(is_measured.sum()) - unknowns, 1)
-    squares, variances = residuals[is_measured] ** 2, deviations[is_measured] ** 2
-    if np.sum(squares / variances) / count <= 1.0 + _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / count):
-        return 0.0
-    most = float(np.sum(squares)) / count
-
-    def missing(excess: float) -> float:
-        return float(np.sum(squares / (variances + most * excess))) - count
-
-    # at 1 nothing is missing, up to rounding, where deviations are next to nothing
-    return float(np.sqrt(most * scipy.optimize.brentq(missing, 0.0, 2.0)))
 
 
 _LARGEST_ERROR = 0.1
@@ -355,15 +373,10 @@ _LARGEST_ERROR = 0.1
 
 def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
     """Verdict, explanation, and the part of the forces that laws leave beside noise."""
-    if not fit.minimum.converged:
-        return (
-            Verdict.NOT_CONVERGED,
-            "The search did not converge. The values are the best so far; give better starts, or a law whose force does not "
-            "jump.",
-            0.0,
-        )
-    measured = float(np.nanstd(fit.problem.measured))
-    share = fit.model_force / measured if fit.model_force > 0.0 else 0.0
+    if not fit.converged:
+        advice = "The values are the best so far; give better starts, or a law whose force does not jump."
+        return Verdict.NOT_CONVERGED, f"The search did not converge. {advice}", 0.0
+    share = fit.model_force / _level(fit.problem)
     verdict, words = _found(fit, causes, share)
     to_within = format_percent(share) if share > 0.0 else "the noise of force and displacement"
     return verdict, f"The laws explain the forces to within {to_within}{words}", share
@@ -388,10 +401,8 @@ def _found(fit: RigFit, causes: Sequence[Cause], share: float) -> tuple[Verdict,
             "wrong by more than intervals of exact laws say: correct it, or estimate it with the other unknowns."
         )
     if share > 0.0:
-        return Verdict.MODEL_ERROR_NEEDED, (
-            ", a model error that all intervals include; as it follows the motion, parts of the record are "
-            "compared for that."
-        )
+        how = "as it follows the motion, parts of the record are compared for that."
+        return Verdict.MODEL_ERROR_NEEDED, f", a model error that all intervals include; {how}"
     return Verdict.CONVERGED, "."
 
 
@@ -446,12 +457,12 @@ def _hypotheses(fit: RigFit) -> Iterator[tuple[Hypothesis, Floats]]:
     """What may be wrong, and the forces (R,) in N that it adds where its size is 1: offsets of sensors that are not among the
     unknowns, and of each link forms of force that its law may lack, and a delay of its load cell, to first order.
     """
-    problem, paths = fit.problem, fit.minimum.paths
-    every = replace(problem, offsets=problem.sensors).jacobian(paths)
+    problem, paths = fit.problem, fit.paths
+    every = replace(fit, problem=replace(problem, offsets=problem.sensors)).jacobian
     for number, channel in enumerate(problem.sensors, start=len(problem.parameters)):
         if channel not in problem.offsets:
             yield Hypothesis("offset", channel, unit=channel.unit), every[:, number]
-    fastest = max(float(np.max(np.abs(motion.v[:: motion.substeps]))) for motion in problem.motions)
+    fastest = max(float(np.max(np.abs(motion.at_samples[1]))) for motion in problem.motions)
     rubbing = {"tanh(v)": f"tanh(v/{_SATURATING * fastest!r})"} if fastest > 0.0 else {}
     for link in problem.links:
         for name, text in ({term: term for term in _TERMS} | rubbing).items():
@@ -466,28 +477,26 @@ def _hypotheses(fit: RigFit) -> Iterator[tuple[Hypothesis, Floats]]:
 
 def _column(fit: RigFit, link: int, along: Sequence[Floats]) -> Floats:
     """(R,) forces along all paths, at the samples of one link among those of all; 0 for others, and where one is missing."""
-    rows = [
-        np.where(np.isfinite(cell.measured) & (cell.link == link), force[:: cell.motion.substeps], 0.0)
-        for cell, force in zip(fit.problem.cells, along, strict=True)
-    ]
-    return np.asarray(np.nan_to_num(np.concatenate(rows)))
+    own = [force * (cell.link == link) for cell, force in zip(fit.problem.cells, along, strict=True)]
+    return np.asarray(np.nan_to_num(fit.problem.at_samples(own)))
 
 
 def rig_estimate(
     records: Sequence[Record],
     structure: Structure,
+    given: Mapping[str, float],
+    progress: Progress,
     *,
     offsets: Sequence[str],
-    admitted: Sequence[str],
-    starts: Mapping[str, float],
-    progress: Progress,
+    finds_more: bool,
 ) -> Estimate:
     """Estimate the unknowns of links between the base and the ground, whose forces load cells show.
 
-    `offsets` are channels with an unknown constant error; with "offset" `admitted`, those that the diagnosis names are added.
+    `given` are starts by name, and `offsets` channels with an unknown constant error, beside which it `finds_more`: those that
+    the diagnosis names.
     """
     require_same_channels(records)
-    problem, noise = RigProblem.of(records, structure), cell_noise(records)
+    problem = RigProblem.of(records, structure)
     for name in offsets:
         if name not in problem.sensors:
             offered = (BASE_CHANNEL, *problem.sensors[:-1])
@@ -497,34 +506,31 @@ def rig_estimate(
     asked = set(offsets)
     while True:
         problem = replace(problem, offsets=tuple(name for name in problem.sensors if name in asked))
-        fit = rig_fit(problem, noise, starts, progress)
+        fit = rig_fit(problem, given, progress)
         causes = rig_causes(fit)
         likeliest = causes[0].where if causes and causes[0].kind == "offset" else None
-        if "offset" not in admitted or likeliest is None or likeliest in asked:
+        if not finds_more or likeliest is None or likeliest in asked:
             return _estimate(fit, records, causes)
         asked.add(likeliest)
 
 
 def _estimate(fit: RigFit, records: Sequence[Record], causes: tuple[Cause, ...]) -> Estimate:
-    problem, unknowns = fit.problem, fit.minimum.unknowns
-    structure, parameters, p = problem.structure, problem.parameters, len(problem.parameters)
-    identified = structure.with_values(
-        {q.name: float(value) for q, value in zip(parameters, unknowns, strict=False)}
-    )
+    problem, unknowns = fit.problem, fit.unknowns
+    structure, p = problem.structure, len(problem.parameters)
+    names = (parameter.name for parameter in problem.parameters)
+    identified = structure.with_values(dict(zip(names, unknowns.tolist(), strict=False)))
     verdict, message, share = judged(fit, causes)
     approximate = verdict.grade is Grade.APPROXIMATE and 0.0 < share < 1.0
     found = zip(problem.offsets, unknowns[p:].tolist(), fit.standard_errors[p:].tolist(), strict=False)
-    errors = tuple(
-        SensorErrorEstimate(channel, "offset", value, error, channel.unit) for channel, value, error in found
-    )
-    sigma = {BASE_CHANNEL: problem.motions[0].sigma, **fit.noise}
+    errors = tuple(SensorErrorEstimate(one, "offset", size, error, one.unit) for one, size, error in found)
+    sigma = {BASE_CHANNEL: problem.motions[0].sigma, **problem.noise}
     return Estimate(
         method="ml",
         fit_verdicts=(verdict,),
         message=message,
         seconds=0.0,
         given_structure=structure,
-        parameters=parameters,
+        parameters=problem.parameters,
         values=unknowns[:p],
         covariance=fit.covariance[:p, :p],
         free=fit.free[:p],
@@ -544,17 +550,13 @@ def _estimate(fit: RigFit, records: Sequence[Record], causes: tuple[Cause, ...])
 
 def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
     """The links along the recorded motion, at the samples of all records."""
-    problem = fit.problem
-    base = np.concatenate([np.stack([m.d, m.v])[:, :: m.substeps] for m in problem.motions], axis=1)
+    base = np.concatenate([motion.at_samples for motion in fit.problem.motions], axis=1)
     d, v = base[:, :, None] * identified.base_incidence
     force, measured = np.full((2, *d.shape), np.nan)
-    cells = list(zip(problem.cells, fit.minimum.paths, strict=True))
-    for link in problem.links:
-        own = [(cell, path, cell.motion.substeps) for cell, path in cells if cell.link == link]
-        d[:, link] = np.concatenate([path.d[::every] for _, path, every in own])
-        force[:, link] = np.concatenate([path.force()[::every] for _, path, every in own])
-        shown = np.concatenate([cell.measured for cell, _, _ in own])
-        measured[:, link] = shown - problem.offset(own[0][0].channel, fit.minimum.unknowns)
+    for cell, path in zip(fit.problem.cells, fit.paths, strict=True):
+        place, every = (cell.samples, cell.link), cell.motion.substeps
+        d[place], force[place] = path.d[::every], path.force()[::every]
+        measured[place] = cell.measured - cell.from_unknowns[-1] @ fit.unknowns
     return LinkMotion(
         structure=identified,
         time=np.concatenate([record.time for record in records]),

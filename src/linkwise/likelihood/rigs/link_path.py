@@ -101,59 +101,45 @@ class LinkPath:
         named |= dict(zip((*self.law.states, *self.law.signals), self.states.T, strict=True))
         return self.law.force(self.d, self.v, named)
 
-    def tangents(self, free: Sequence[str]) -> LinkTangents:
-        """Derivatives along the motion, by the coefficients `free`."""
+    def slopes(self, free: Sequence[str] = ()) -> Floats:
+        """(J, 1 + S, 2 + S + c) derivatives of the force and the rates of states by d, v, the states and c coefficients."""
         _, program = _programs(self.law, tuple(free))
-        slopes = program(self.d, self.v, *self.states.T, *self.values)
-        count, width = len(self.law.states), 2 + len(self.law.states) + len(free)
-        rows = np.stack(slopes, axis=1).reshape(len(self.d), 1 + count, width)
-        return LinkTangents(rows, self.step, count)
+        rows = np.stack(program(self.d, self.v, *self.states.T, *self.values), axis=1)
+        return rows.reshape(len(rows), 1 + len(self.law.states), -1)
 
+    def by_unknowns(self, free: Sequence[str]) -> Floats:
+        """Derivatives (J, c + S + 1) of the force by the coefficients `free`, by initial states, and by d, held for the whole
+        motion.
+        """
+        slopes, count = self.slopes(free), len(self.law.states)
+        of_states = np.zeros((*slopes.shape[:2], count))
+        pushed = np.concatenate([slopes[:, :, 2 + count :], of_states, slopes[:, :, :1]], axis=2)
+        return self._followed(slopes, pushed, np.eye(count, pushed.shape[2], k=len(free)))
 
-@dataclass(frozen=True, eq=False)
-class LinkTangents:
-    """Derivatives (J, 1 + S, 2 + S + c) of the force and the rates of the states of a link along a motion by d, v, the states
-    and c coefficients.
-    """
+    def by_motion(self, changes: Floats) -> Floats:
+        """Changes (J, q) of the force with changes (2, J, q) of d and v along the motion."""
+        slopes = self.slopes()
+        pushed = np.einsum("jrm,mjq->jrq", slopes[:, :, :2], changes)
+        return self._followed(slopes, pushed, np.zeros((len(self.law.states), pushed.shape[2])))
 
-    rows: Floats
-    step: float
-    count: int
-
-    def by_unknowns(self) -> Floats:
-        """(J, c + S) by coefficients and initial states, and by d (one column more), held for the whole motion."""
-        count, own = self.count, self.rows[:, :, 2 + self.count :]
-        of_states = np.zeros((*self.rows.shape[:2], count))
-        pushed = np.concatenate([own, of_states, self.rows[:, :, :1]], axis=2)
-        return self._followed(pushed, np.eye(count, pushed.shape[2], k=own.shape[2]))
-
-    def by_motion(self, change_d: Floats, change_v: Floats) -> Floats:
-        """Changes (J, q) of the force with changes (J, q) of d and v along the motion."""
-        of_d, of_v = self.rows[:, :, 0, None], self.rows[:, :, 1, None]
-        pushed = of_d * change_d[:, None] + of_v * change_v[:, None]
-        return self._followed(pushed, np.zeros((self.count, change_d.shape[1])))
-
-    def _followed(self, pushed: Floats, first: Floats) -> Floats:
+    def _followed(self, slopes: Floats, pushed: Floats, first: Floats) -> Floats:
         """Changes (J, q) of the force where it and the rates are `pushed` (J, 1 + S, q), and the states at first (S, q)."""
-        if not self.count:
+        if not len(first):
             return pushed[:, 0]
-        half, by_state = 0.5 * self.step, self.rows[:, :, 2 : 2 + self.count]
+        half, by_state = 0.5 * self.step, slopes[:, :, 2 : 2 + len(first)]
         right = half * (pushed[1:, 1:] + pushed[:-1, 1:])
         right[0] += first + half * by_state[0, 1:] @ first
         states = np.concatenate([first[None], _solved(by_state[:, 1:], self.step, right)])
         return np.asarray(pushed[:, 0] + np.einsum("js,jsq->jq", by_state[:, 0], states))
 
-    def to_motion(self, weights: Floats) -> tuple[Floats, Floats]:
-        """Derivatives (J, q) of sums of forces, weighted with (J, q), by d and by v at every node."""
-        count, rows = self.count, self.rows
-        by_motion = [weights * rows[:, 0, column, None] for column in (0, 1)]
-        if not count:
-            return by_motion[0], by_motion[1]
-        sources = rows[:, 0, 2 : 2 + count, None] * weights[:, None, :]
-        pulled = _solved(rows[:, 1:, 2 : 2 + count], self.step, sources[1:], transposed=True)
-        both = np.zeros((len(rows), *pulled.shape[1:]))
-        both[1:] += pulled
-        both[:-1] += pulled
-        for column in (0, 1):
-            by_motion[column] += 0.5 * self.step * np.einsum("js,jsq->jq", rows[:, 1:, column], both)
-        return by_motion[0], by_motion[1]
+    def to_motion(self, weights: Floats) -> Floats:
+        """Derivatives (2, J, q) of sums of forces, weighted with (J, q), by d and v at every node."""
+        slopes, count = self.slopes(), len(self.law.states)
+        pulls = np.concatenate([weights[:, None], np.zeros((len(weights), count, weights.shape[1]))], axis=1)
+        if count:
+            by_state = slopes[:, :, 2 : 2 + count]
+            sources = by_state[1:, 0, :, None] * weights[1:, None]
+            pulled = 0.5 * self.step * _solved(by_state[:, 1:], self.step, sources, transposed=True)
+            pulls[1:, 1:] += pulled
+            pulls[:-1, 1:] += pulled
+        return np.asarray(np.einsum("jrm,jrq->mjq", slopes[:, :, :2], pulls))

@@ -16,7 +16,6 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.rigs.link_path import LinkPath
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import Channel
@@ -42,8 +41,8 @@ class PrescribedMotion:
     sigma: float
 
     @cached_property
-    def _basis(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
-        """(J, N + 4) what the coefficients of the quintic B-splines make of the displacement and the velocity at the nodes."""
+    def _basis(self) -> scipy.sparse.csr_array:
+        """(2 J, N + 4) what the coefficients of the quintic B-splines make of displacements, then of velocities, at nodes."""
         count = len(self.spline.coefficients)
         knots = np.arange(-5.0, count + 1.0)
         nodes = np.arange((count - 5) * self.substeps + 1) / self.substeps
@@ -54,43 +53,35 @@ class PrescribedMotion:
             )
             for degree in (5, 4)
         )
-        return values, self.spline.rate * (slopes @ lagged)
+        return scipy.sparse.vstack([values, self.spline.rate * (slopes @ lagged)], format="csr")
+
+    def _along(self, spline: SmoothingSpline) -> Floats:
+        """(2, J, C) displacements and velocities at the nodes."""
+        return np.asarray(self._basis @ spline.coefficients).reshape(2, -1, spline.coefficients.shape[1])
 
     @cached_property
-    def d(self) -> Floats:
-        """(J,) displacement in m."""
-        return np.asarray(self._basis[0] @ self.spline.coefficients[:, 0])
+    def at_nodes(self) -> Floats:
+        """(2, J) displacement in m and velocity in m/s."""
+        return self._along(self.spline)[..., 0]
 
-    @cached_property
-    def v(self) -> Floats:
-        """(J,) velocity in m/s."""
-        return np.asarray(self._basis[1] @ self.spline.coefficients[:, 0])
+    @property
+    def at_samples(self) -> Floats:
+        """(2, N) the same at the samples."""
+        return self.at_nodes[:, :: self.substeps]
 
     @property
     def step(self) -> float:
         """Time between nodes in s."""
         return 1.0 / (self.spline.rate * self.substeps)
 
-    @property
-    def period(self) -> int:
-        """Samples in a period of the motion, by the ratio of displacement and velocity."""
-        speed = float(np.std(self.v)) or 1.0
-        return max(int(2.0 * np.pi * float(np.std(self.d)) / speed * self.spline.rate), 1)
-
-    def liveliest(self, count: int) -> int:
-        """First of the `count` samples in a row that move most."""
-        power = np.concatenate([[0.0], np.cumsum(self.v[:: self.substeps] ** 2)])
-        return int(np.argmax(power[count:] - power[:-count]))
-
-    def noise_draws(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
-        """(J, count) what draws of the sensor's noise do to d and v at the nodes."""
+    def noise_draws(self, rng: np.random.Generator, count: int) -> Floats:
+        """(2, J, count) what draws of the sensor's noise do to d and v at the nodes."""
         noise = self.sigma * rng.standard_normal((len(self.spline.coefficients) - 4, count))
-        drawn = self.spline.smoothed(noise).coefficients
-        return self._basis[0] @ drawn, self._basis[1] @ drawn
+        return self._along(self.spline.smoothed(noise))
 
-    def noise_of(self, by_d: Floats, by_v: Floats) -> Floats:
-        """(N, q) by how much sums with derivatives (J, q) by d and v at the nodes change with the noise of each sample."""
-        by_coefficient = self._basis[0].T @ by_d + self._basis[1].T @ by_v
+    def noise_of(self, by_motion: Floats) -> Floats:
+        """(N, q) by how much sums with derivatives (2, J, q) by d and v at the nodes change with the noise of each sample."""
+        by_coefficient = self._basis.T @ by_motion.reshape(-1, by_motion.shape[2])
         return self.spline.transposed(by_coefficient) * self.sigma
 
 
@@ -108,24 +99,27 @@ _FEWEST = 32  # samples
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A load cell in a record: the numbers of the record and of its link, its channel, the places among the unknowns of the
-    coefficients of the link that are `free` and of its initial `states`, the motion, the elongation per displacement of the
-    base, and the samples (N,), NaN where missing.
+    """A load cell in a record: its channel, the number of its link, the motion, the samples (N,), NaN where missing, and
+    their places among those of all records.
+
+    The coefficients of the link that are `free`, its initial states, what adds to its elongation, and what to its force, are
+    `from_unknowns` (c + S + 2, u) times the unknowns; `sign` is its elongation per displacement of the base.
     """
 
-    record: int
-    link: int
     channel: Channel
-    free: Mapping[str, int]
-    states: slice
+    link: int
     motion: PrescribedMotion
-    sign: float
     measured: Floats
+    samples: slice
+    free: tuple[str, ...]
+    from_unknowns: Floats
+    sign: float
 
 
 @dataclass(frozen=True, eq=False)
 class RigProblem:
-    """Motions of the base in records, and the forces (N,) in links by their number, NaN where samples miss.
+    """Motions of the base in records, the forces (N,) in links by their number, NaN where samples miss, and the `noise` of
+    load cells in N by channel.
 
     Unknowns: the p parameters, `offsets` of sensors, initial states.
     """
@@ -133,13 +127,16 @@ class RigProblem:
     structure: Structure
     motions: tuple[PrescribedMotion, ...]
     forces: tuple[Mapping[int, Floats], ...]
+    noise: Mapping[str, float]
     offsets: tuple[Channel, ...] = ()
 
     @classmethod
     def of(cls, records: Sequence[Record], structure: Structure) -> RigProblem:
-        """That of records; IdentificationError where one does not hold motion and forces."""
+        """That of records, with the largest noise in any; IdentificationError where one does not hold motion and forces."""
         motions, forces = zip(*(_motion_and_forces(record, structure) for record in records), strict=True)
-        return cls(structure, motions, forces)
+        by_record = [channel_noise(record) for record in records]
+        cells = (name for name in records[0].channels if name.kind == "f")
+        return cls(structure, motions, forces, {name: max(own[name] for own in by_record) for name in cells})
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -168,87 +165,44 @@ class RigProblem:
         return (*(cell_name(self.structure, link) for link in self.links), BASE_CHANNEL)
 
     @cached_property
-    def cells(self) -> tuple[Cell, ...]:
-        """Those of all records; their initial states follow the other unknowns."""
-        cells, first = [], len(self.parameters) + len(self.offsets)
-        for number, (motion, forces) in enumerate(zip(self.motions, self.forces, strict=True)):
-            for link, force in sorted(forces.items()):
-                members = ((index, m) for index, p in enumerate(self.parameters) for m in p.members)
-                free = {key: index for index, (owner, key) in members if owner == link}
-                states = slice(first, first + len(self.structure.links[link].law.states))
-                sign = float(self.structure.base_incidence[link])
-                channel = cell_name(self.structure, link)
-                cells.append(Cell(number, link, channel, free, states, motion, sign, force))
-                first = states.stop
-        return tuple(cells)
-
-    @property
     def size(self) -> int:
         """Number of unknowns."""
-        return int(self.cells[-1].states.stop)
+        states = sum(len(self.structure.links[link].law.states) for link in self.links)
+        return len(self.parameters) + len(self.offsets) + len(self.motions) * states
 
-    def paths(self, unknowns: Floats, before: Sequence[LinkPath] | None = None) -> tuple[LinkPath, ...]:
-        """The links along the motions; states are sought near those `before`, or from rest where that fails."""
-        shift = self.offset(BASE_CHANNEL, unknowns)
-        paths = []
-        for number, cell in enumerate(self.cells):
-            link, motion = self.structure.links[cell.link], cell.motion
-            values = {key: coefficient.value or 0.0 for key, coefficient in link.coefficients.items()}
-            values |= {key: float(unknowns[place]) for key, place in cell.free.items()}
-            d, v = cell.sign * (motion.d - shift), cell.sign * motion.v
-            near = None if before is None or not before[number].converged else before[number].states
-            paths.append(LinkPath.of(link.law, values, d, v, motion.step, unknowns[cell.states], near))
-        settled = before is None or all(path.converged for path in paths)
-        return tuple(paths) if settled else self.paths(unknowns)
+    @cached_property
+    def cells(self) -> tuple[Cell, ...]:
+        """Those of all records; their initial states follow the other unknowns."""
+        cells, state, sample = [], len(self.parameters) + len(self.offsets), 0
+        for motion, forces in zip(self.motions, self.forces, strict=True):
+            samples = slice(sample, sample + motion.at_samples.shape[1])
+            for link in self.links:
+                channel, sign = cell_name(self.structure, link), float(self.structure.base_incidence[link])
+                members = [
+                    (key, n) for n, p in enumerate(self.parameters) for own, key in p.members if own == link
+                ]
+                states = range(state, state + len(self.structure.links[link].law.states))
+                state, rows = states.stop, [*(n for _, n in members), *states]
+                from_unknowns = np.zeros((len(rows) + 2, self.size))
+                from_unknowns[range(len(rows)), rows] = 1.0
+                for column, off in enumerate(self.offsets, start=len(self.parameters)):
+                    from_unknowns[-2:, column] = -sign * (off == BASE_CHANNEL), off == channel
+                free = tuple(key for key, _ in members)
+                cells.append(Cell(channel, link, motion, forces[link], samples, free, from_unknowns, sign))
+            sample = samples.stop
+        return tuple(cells)
 
     @cached_property
     def measured(self) -> Floats:
         """(R,) samples of all load cells."""
         return np.concatenate([cell.measured for cell in self.cells])
 
-    def offset(self, channel: Channel, unknowns: Floats) -> float:
-        """Zero error of a sensor, 0 where it is not unknown."""
-        if channel not in self.offsets:
-            return 0.0
-        return float(unknowns[len(self.parameters) + self.offsets.index(channel)])
-
-    def residuals(self, unknowns: Floats, paths: Sequence[LinkPath]) -> Floats:
-        """Measured less modelled forces (R,) in N, 0 where a sample is missing and NaN where a law is not finite."""
-        rows = []
-        for cell, path in zip(self.cells, paths, strict=True):
-            force = path.force()[:: cell.motion.substeps]
-            measured = cell.measured - self.offset(cell.channel, unknowns)
-            left = np.where(np.isfinite(force), measured - force, np.nan)
-            rows.append(np.where(np.isfinite(measured), left, 0.0))
-        return np.concatenate(rows)
-
-    def jacobian(self, paths: Sequence[LinkPath]) -> Floats:
-        """(R, u) derivatives of the modelled forces by the unknowns."""
-        blocks = []
-        for cell, path in zip(self.cells, paths, strict=True):
-            slopes = path.tangents(tuple(cell.free)).by_unknowns()[:: cell.motion.substeps]
-            block = np.zeros((len(slopes), self.size))
-            for column, place in enumerate(cell.free.values()):
-                block[:, place] += slopes[:, column]
-            for column, channel in enumerate(self.offsets, start=len(self.parameters)):
-                of_motion = channel == BASE_CHANNEL
-                block[:, column] = -cell.sign * slopes[:, -1] if of_motion else channel == cell.channel
-            block[:, cell.states] = slopes[:, len(cell.free) : -1]
-            block[~np.isfinite(cell.measured)] = 0.0
-            blocks.append(block)
-        return np.concatenate(blocks)
-
-    def noise_of_motion(self, paths: Sequence[LinkPath], weights: Floats) -> Floats:
-        """(M, q) how sums of modelled forces with weights (R, q) change with the noise of each displacement sample."""
-        by_record: dict[int, Floats] = {}
-        of_cells = np.split(weights, np.cumsum([len(cell.measured) for cell in self.cells])[:-1])
-        for cell, path, own in zip(self.cells, paths, of_cells, strict=True):
-            spread = np.zeros((len(path.d), weights.shape[1]))
-            spread[:: cell.motion.substeps] = own
-            by_motion = path.tangents(tuple(cell.free)).to_motion(spread)
-            part = cell.sign * cell.motion.noise_of(*by_motion)
-            by_record[cell.record] = by_record.get(cell.record, 0.0) + part
-        return np.concatenate([by_record[record] for record in sorted(by_record)])
+    def at_samples(self, along: Sequence[Floats]) -> Floats:
+        """(R, ...) what is along the link of each load cell (J, ...), at its samples; 0 where one is missing."""
+        every = [values[:: cell.motion.substeps] for cell, values in zip(self.cells, along, strict=True)]
+        rows = np.concatenate(every)
+        rows[~np.isfinite(self.measured)] = 0.0
+        return rows
 
 
 def cell_name(structure: Structure, link: int) -> Channel:
@@ -274,29 +228,17 @@ def _motion_and_forces(record: Record, structure: Structure) -> tuple[Prescribed
         raise IdentificationError(
             f"{name} does not change: the force in a link that does not move says nothing about its law"
         )
-    cells = {
-        number: record.channel(cell_name(structure, number))
-        for number in range(len(structure.links))
-        if cell_name(structure, number) in record.channels
-    }
+    names = [cell_name(structure, number) for number in range(len(structure.links))]
+    cells = {number: record.channel(cell) for number, cell in enumerate(names) if cell in record.channels}
     for number, force in cells.items():
         if not np.isfinite(force).any():
-            raise IdentificationError(
-                f"channel {cell_name(structure, number)} has no sample that is a number"
-            )
+            raise IdentificationError(f"channel {names[number]} has no sample that is a number")
     for parameter in structure.parameters:
-        unseen = [index for index, _ in parameter.members if index not in cells]
-        if len(unseen) == len(parameter.members):
+        if not any(index in cells for index, _ in parameter.members):
             raise IdentificationError(
                 f"{parameter.name} is unknown, but the record has no load cell of its link: give channel "
-                f"{cell_name(structure, unseen[0])}, the force in it"
+                f"{names[parameter.members[0][0]]}, the force in it"
             )
     spline = smoothing_spline(values, record.rate)
     noise = _sensor_noise(record, values, spline.value()[:, 0])
     return PrescribedMotion(spline, _SUBSTEPS, noise), cells
-
-
-def cell_noise(records: Sequence[Record]) -> dict[str, float]:
-    """Noise in N by the channels of load cells: of several records the largest."""
-    by_record = [channel_noise(record) for record in records]
-    return {name: max(noise[name] for noise in by_record) for name in records[0].channels if name.kind == "f"}

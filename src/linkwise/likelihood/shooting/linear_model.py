@@ -1,7 +1,6 @@
 """The linearised problem at a point: of the whole record, in pieces of it, or by parts of a structure of many masses.
 
-`eliminated_rows` has the rows of the equations with the states eliminated: sums over them are what samples and links between
-segments say of the unknowns.
+`eliminated_rows` has the rows of the samples with the states eliminated: sums over them are what samples say of the unknowns.
 
 Long records are tested in pieces (`tested_in_pieces`): a piece is a run of segments from one node to another, which it shares
 with the next. Eliminated piece by piece, in memory that does not grow with the record, all but the last node leave equations
@@ -615,47 +614,24 @@ def column_origins(
     return [np.array(sorted(own_masses), dtype=int) for own_masses in masses]
 
 
-@dataclass(frozen=True, eq=False)
-class EliminatedRows:
-    """Of the k segments `part`: `data` (k, M C, p), `residuals` (k, M C), `defects` (k, 2n + S, p) and `missed` (k, 2n + S).
-
-    Rows and residuals are whitened, in scaled unknowns (theta, amplitudes of candidates, sizes of errors, offsets, gains).
-    """
-
-    part: slice
-    data: Floats
-    residuals: Floats
-    defects: Floats
-    missed: Floats
-
-
 def eliminated_rows(
     misfit: Misfit,
     q: float,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
-) -> Iterator[EliminatedRows] | None:
-    """The rows of all segments, chunk by chunk; None where the equations are singular."""
-    segments = misfit.segments
-    linear = linearise(misfit, candidates=candidates, errors=errors)
-    factor = linear.equations(q).factor()
+) -> Floats | None:
+    """(K, M C, p) whitened rows of the samples in scaled unknowns (theta, amplitudes of candidates, sizes of errors, offsets,
+    gains), which the states follow; None where the equations are singular.
+    """
+    factor = linearise(misfit, candidates=candidates, errors=errors).equations(q).factor()
     if factor is None:
         return None
-    follow = followed_states(factor)
+    follow, own = followed_states(factor), list[Floats]()
     _, m, p = follow.shape
-    following = np.concatenate([follow[1:], np.zeros((1, m, p))])
-    weights, missed = np.zeros((2, segments.count, m))
-    weights[:-1], missed[:-1] = segments.link_weights.T, misfit.defects.reshape(m, -1).T
-
-    def chunk(part: slice) -> EliminatedRows:
-        rows, ends = whitened_jacobian(misfit, part, candidates, errors)
-        node = follow[part]
-        defects = ends[..., m:] - ends[..., :m] @ node + following[part]
-        defects *= weights[part, :, None] / q
-        data = rows[..., m:-1] - rows[..., :m] @ node
-        return EliminatedRows(part, data, rows[..., -1], defects, missed[part] / q)
-
-    return map(chunk, chunks(segments, p))
+    for part in chunks(misfit.segments, p):
+        rows, _ = whitened_jacobian(misfit, part, candidates, errors)
+        own.append(rows[..., m:-1] - rows[..., :m] @ follow[part])
+    return np.concatenate(own)
 
 
 _PIECE = (

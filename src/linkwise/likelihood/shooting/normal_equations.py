@@ -316,11 +316,10 @@ _TOGETHER = 8  # segments whose products are summed in the precision of the rows
 NEGLIGIBLE = (1e-13, 1e-12, 1e-11)  # of the diagonal: single precision has 6e-8
 
 
-def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
+def chunks(segments: Segments, parameters: int) -> list[slice]:
     """The segments in parts whose sensitivities to states and `parameters` stay in a core's cache."""
     m, K = segments.system.dimension, segments.count
-    p = segments.parameters if parameters is None else parameters
-    count = min(round(K * m * (m + p) / CHUNK), K // _FEWEST)
+    count = min(round(K * m * (m + parameters) / CHUNK), K // _FEWEST)
     return [slice(*ends) for ends in pairwise(block_ends(K, max(1, count)))]
 
 
