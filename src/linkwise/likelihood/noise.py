@@ -92,6 +92,7 @@ def evidence(fit: AnnealingFit) -> tuple[float, float]:
     """The most likely factor on the noise (and on q) of an orbit, and -2 log of the marginal likelihood with it."""
     misfit, q = fit.misfit, fit.q
     factor = linear_model(misfit).equations(q).factor()
+    misfit.orbit.release()
     if factor is None:
         return 1.0, np.inf
     freedom = degrees_of_freedom(fit)

@@ -327,6 +327,7 @@ def refitted(
     upper = np.where(is_fixed, point.theta, system.parameters.upper)
     constrained = replace(system, parameters=replace(system.parameters, lower=lower, upper=upper))
     misfit = replace(optimum.misfit, segments=replace(optimum.segments, system=constrained))
+    misfit.orbit.release()
     schedule = schedule or AnnealingSchedule()
     return Annealer()(
         misfit.at(replace(point, theta=np.clip(point.theta, lower, upper))),

@@ -408,7 +408,7 @@ def curved_step(damped: DampedEquations, misfit: Misfit, length: float) -> tuple
     if attempt is None:
         return None
     q, predicted, before = damped.q, attempt[1], misfit.cost(damped.q)
-    best = plain = misfit.at(attempt[0])
+    best, unclear = misfit.at(attempt[0]), 0.0
     counted, behind = np.zeros(1), None
     for _ in range(_CORRECTIONS if is_explained(misfit) else 0):
         cost = best.cost(q)
@@ -421,14 +421,15 @@ def curved_step(damped: DampedEquations, misfit: Misfit, length: float) -> tuple
         attempt = damped_step(_with_defects(damped, counted, length), misfit, length)
         if attempt is None:
             break
+        best.orbit.release()
         trial = misfit.at(attempt[0])
         if not trial.cost(q) < cost:
             break
-        best = trial
+        best, unclear = trial, predicted
         reduces = before - _ENOUGH * predicted < trial.cost(q) < before
         if trial.cost(q) > _SLOW * cost and not reduces:
             break
-    return best, predicted, 0.0 if best is plain else predicted
+    return best, predicted, unclear
 
 
 def _extrapolated(last: tuple[Floats, Floats], before: tuple[Floats, Floats]) -> Floats:
@@ -591,6 +592,7 @@ class Annealer:
                 if np.any(np.abs(misfit.point.theta - theta) > _NEAR * scales.theta[: len(theta)]):
                     theta, groups = misfit.point.theta, groups_at(misfit)
                 linear = linear or self._linear(misfit, groups)
+                misfit.orbit.release()
                 if control.damping > _MAX_DAMPING:
                     status = AnnealingStatus.STUCK
                     break
@@ -619,6 +621,7 @@ class Annealer:
                 if small and (control.ends_in_valley(step) or is_settled(damped, misfit, left)):
                     status = AnnealingStatus.CONVERGED
                     break
+                del attempt, trial  # a refused one would stand beside the next
                 control = control.after(step, schedule, samples)
                 linear, damped = (None, None) if step.reduction > 0.0 else (linear, damped)
         except KeyboardInterrupt:

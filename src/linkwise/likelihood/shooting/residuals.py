@@ -7,7 +7,7 @@ optimum, and the same samples in segments several times as long have the same on
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -238,6 +238,28 @@ def with_bounds_for(loss: Loss, records: Sequence[Record]) -> list[Record]:
     return [replace(record, clipped={}) for record in records]
 
 
+_SMALL = 200_000  # numbers in links along an orbit: one of fewer is kept, and not found again
+
+
+class Orbit:
+    """Trajectories that are found where they are asked for, and again where they were released since: of a long record they
+    are most of what a point of a search has in memory.
+    """
+
+    def __init__(self, find: Callable[[], Trajectories]) -> None:
+        self._find = find
+
+    @cached_property
+    def trajectories(self) -> Trajectories:
+        """The motion."""
+        return self._find()
+
+    def release(self) -> None:
+        """Let the trajectories go, if they are large."""
+        if "trajectories" in vars(self) and self.trajectories.links.size > _SMALL:
+            del self.trajectories
+
+
 @dataclass(frozen=True, eq=False)
 class Misfit:
     """Misfit at a point of the search.
@@ -248,8 +270,8 @@ class Misfit:
         The records in segments, units of the unknowns, and the loss of a residual.
     point : Iterate
         The unknowns.
-    trajectories : Trajectories
-        The orbit.
+    orbit : Orbit
+        The motion from the nodes.
     residuals : array of shape (M, C, K)
         Residuals in standard deviations of the noise; 0 where a sample is missing.
     defects : array of shape (2n + S, K - 1)
@@ -266,13 +288,18 @@ class Misfit:
     scales: Scales
     loss: Loss
     point: Iterate
-    trajectories: Trajectories
+    orbit: Orbit
     residuals: Floats
     defects: Floats
     data: float
     continuity: float
     prior: float = 0.0
     clipped: ClippedMisfit | None = None
+
+    @property
+    def trajectories(self) -> Trajectories:
+        """The motion from the nodes."""
+        return self.orbit.trajectories
 
     @cached_property
     def pulling(self) -> Floats:
@@ -302,7 +329,7 @@ class Misfit:
             self.scales,
             self.loss,
             replace(self.point, nodes=self.point.nodes[..., which]),
-            self.trajectories.part(which),
+            Orbit(lambda: self.trajectories.part(which)),
             self.residuals[..., which],
             self.defects[..., which.start : which.stop - 1],
             *(np.nan, np.nan),
@@ -358,9 +385,14 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         Residuals and defects; not finite where the motion diverges.
     """
     mechanics = segments.system.at(point.theta)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a mass may be 0 in a trial
-        inputs = segments.inputs.at(point.gains, point.delays)
-        orbit = flow(mechanics, point.nodes, segments.step, segments.steps, inputs)
+
+    def motion_from_nodes() -> Trajectories:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a mass may be 0 in a trial
+            inputs = segments.inputs.at(point.gains, point.delays)
+            return flow(mechanics, point.nodes, segments.step, segments.steps, inputs)
+
+    motion_of_nodes = Orbit(motion_from_nodes)
+    orbit = motion_of_nodes.trajectories
     ends = orbit.ends(segments.step)[: len(point.nodes)]
     sensors = segments.sensors.at(mechanics)
     shown_orbit, factors = sensors.orbit_with_points(orbit), sensors.factors(point.gains)
@@ -399,7 +431,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     if segments.random is not None:
         prior += segments.random.cost(point.nodes, point.border)
     data, continuity = loss.total(residuals), float(np.vdot(defects, defects))
-    found = point, orbit, residuals, defects, data, continuity, prior, clipped
+    found = point, motion_of_nodes, residuals, defects, data, continuity, prior, clipped
     return Misfit(segments, scales, loss, *found)
 
 
@@ -598,13 +630,13 @@ class LongerSegments:
         """The misfit of the shorter segments as one of the longer ones: the same motion, whose defects inside them count for
         nothing.
         """
-        parts, orbit = self.parts, shorter.trajectories
+        parts = self.parts
         defects = shorter.defects[:, parts[:-1, -1]]
         return replace(
             shorter,
             segments=self.segments,
             point=self.point(shorter.point),
-            trajectories=orbit.end_to_end(parts),
+            orbit=Orbit(lambda: shorter.trajectories.end_to_end(parts)),
             residuals=_end_to_end(shorter.residuals, parts, _once(parts)),
             clipped=shorter.clipped
             and shorter.clipped.mapped(lambda values: _end_to_end(values, parts, _once(parts))),
