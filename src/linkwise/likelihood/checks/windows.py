@@ -44,10 +44,10 @@ class _Levels:
     samples: Floats
 
     def costs(self, power: Floats, shape: Floats) -> Floats:
-        """(R,) -2 log likelihood of mean squares of normal values, of which variances go with a shape (..., B)."""
-        scale = np.sum(self.samples * power / shape, axis=1) / np.sum(self.samples, axis=1)
-        variance = np.maximum(scale[:, None] * shape, np.finfo(float).tiny)
-        return np.asarray(np.sum(self.samples * (np.log(variance) + power / variance), axis=1))
+        """(..., R) -2 log likelihood of mean squares of normal values, of which variances go with shapes (..., R or 1, B)."""
+        scale = np.sum(self.samples * power / shape, axis=-1) / np.sum(self.samples, axis=1)
+        variance = np.maximum(scale[..., None] * shape, np.finfo(float).tiny)
+        return np.asarray(np.sum(self.samples * (np.log(variance) + power / variance), axis=-1))
 
     def overdispersion(self, shape: Floats) -> float:
         """By how much levels of noise scatter about a shape more than those of normal values do, at least 1."""
@@ -58,13 +58,13 @@ class _Levels:
 
     def by_falls(self, power: Floats) -> Floats:
         """(F, R) these costs by how much a window takes off."""
-        return np.array([self.costs(power, np.exp(-2.0 * fall * _PART)) for fall in _FALLS])
+        return self.costs(power, np.exp(-2.0 * _FALLS[:, None, None] * _PART))
 
     @property
     def by_growth(self) -> float:
         """The least cost of noise that grows with the motion."""
         relative = self.motion / np.mean(self.motion, axis=1, keepdims=True)
-        return min(float(self.costs(self.noise, 1.0 + growth * relative).sum()) for growth in _GROWTH)
+        return float(self.costs(self.noise, 1.0 + _GROWTH[:, None, None] * relative).sum(axis=1).min())
 
 
 def exponential_window(of: Examined, before: Judgement) -> Judgement | None:

@@ -50,7 +50,7 @@ from linkwise.likelihood.shooting.tangents import (
     whitened_jacobian,
 )
 
-_WIDE = 600  # numbers in the right-hand sides of a node, from which products of blocks are faster than a band
+_WIDE = 200  # numbers in the right-hand sides of a node, from which products of blocks are faster than a band
 
 
 Damping: TypeAlias = tuple[Floats, Floats]
@@ -151,6 +151,11 @@ class BandedRoot:
         return root, below
 
 
+def _as_fortran(blocks: Floats) -> Floats:
+    """(K, b, a) the same (K, a, b), each as the routines of BLAS take it without a copy."""
+    return blocks.transpose(0, 2, 1)
+
+
 @dataclass(frozen=True, eq=False)
 class BlockRoot:
     """The same by blocks: triangles (K, m, m) of the nodes, and blocks (K - 1, m, m) of each with the one before."""
@@ -163,32 +168,39 @@ class BlockRoot:
         root, below = diagonal, coupling
         if added is not None:
             np.einsum("kii->ki", root)[:] += added
-        for node, own in enumerate(root):
-            if node:
-                blas.dsyrk(-1.0, below[node - 1].T, 1.0, own.T, trans=1, overwrite_c=1)
-            _, info = lapack.dpotrf(own.T, lower=0, overwrite_a=1)
+        before: Floats | None = None
+        for own, joined in zip(_as_fortran(root), (None, *_as_fortran(below)), strict=True):
+            if joined is not None:
+                blas.dtrsm(1.0, before, joined, trans_a=1, overwrite_b=1)
+                blas.dsyrk(-1.0, joined, 1.0, own, trans=1, overwrite_c=1)
+            _, info = lapack.dpotrf(own, lower=0, overwrite_a=1)
             if info:
                 return None
-            if node < len(below):
-                blas.dtrsm(1.0, own.T, below[node].T, trans_a=1, overwrite_b=1)
+            before = own
         return cls((root, below))
 
     def forward(self, right: Floats) -> Floats:
         """As of `BandedRoot`, in place of `right`."""
-        root, below = self.blocks
-        for node, own in enumerate(right):
-            if node:
-                blas.dgemm(-1.0, right[node - 1].T, below[node - 1].T, 1.0, own.T, overwrite_c=1)
-            blas.dtrsm(1.0, root[node].T, own.T, side=1, overwrite_b=1)
+        root, below = map(_as_fortran, self.blocks)
+        before: Floats | None = None
+        for own, triangle, joined in zip(_as_fortran(right), root, (None, *below), strict=True):
+            if joined is not None:
+                blas.dgemm(-1.0, before, joined, 1.0, own, overwrite_c=1)
+            blas.dtrsm(1.0, triangle, own, side=1, overwrite_b=1)
+            before = own
         return right
 
     def backward(self, right: Floats) -> Floats:
         """As of `BandedRoot`, in place of `right`."""
-        root, below = self.blocks
-        for node in range(len(right) - 1, -1, -1):
-            if node < len(below):
-                right[node] -= below[node].T @ right[node + 1]
-            blas.dtrsm(1.0, root[node].T, right[node].T, side=1, trans_a=1, overwrite_b=1)
+        root, below = map(_as_fortran, self.blocks)
+        after: Floats | None = None
+        for own, triangle, joined in zip(
+            _as_fortran(right)[::-1], root[::-1], (None, *below[::-1]), strict=True
+        ):
+            if joined is not None:
+                blas.dgemm(-1.0, after, joined, 1.0, own, trans_b=1, overwrite_c=1)
+            blas.dtrsm(1.0, triangle, own, side=1, trans_a=1, overwrite_b=1)
+            after = own
         return right
 
     @property

@@ -101,10 +101,12 @@ class TangentForces:
         rows, columns = np.array([pair[:2] for pair in system.interactions], dtype=int).reshape(-1, 2).T
         by_parameter = (slopes.by_parameter * (unit[columns, None] * step2)).astype(np.float32)
         self.on_links: list[Added] = [(rows, first + columns, by_parameter)]
+        self.on_masses: list[Added] = []
         masses, columns = np.nonzero(system.parameters.mass_map)
-        factors = -system.parameters.mass_map[masses, columns] * unit[columns] / mechanics.masses[masses]
-        inertia = inputs.accelerations(orbit)[:, masses] * (factors[:, None] * step2)
-        self.on_masses: list[Added] = [(masses, first + columns, inertia.astype(np.float32))]
+        if len(masses):
+            factors = -system.parameters.mass_map[masses, columns] * unit[columns] / mechanics.masses[masses]
+            inertia = inputs.accelerations(orbit)[:, masses] * (factors[:, None] * step2)
+            self.on_masses.append((masses, first + columns, inertia.astype(np.float32)))
         self._by_rate: Single = np.empty((0, 0, 0), np.float32)  # room for a part of the forces
         self.owners = system.state_links
         self.by_state = (slopes.by_state * step2).astype(np.float32)
@@ -329,32 +331,33 @@ def march(forces: TangentForces, scale: Floats) -> Iterator[TangentStep]:
     stretched = -system.base[:, None, None].astype(np.float32)
     state, inner = forces.at_nodes(scale)
     L, (S, P, K) = into_links.shape[0], inner.shape
-    stack, pulls, motion = (np.empty((count, L, P, K), np.float32) for count in (4, 3, 2))
+    stack, working = (np.empty((count, L, P, K), np.float32) for count in (4, 3))
+    pull, motion = working[0], working[1:]
     accelerations, moved = np.empty((3, *state.shape[1:]), np.float32), np.empty_like(state)
     rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
     for start in range(0, 2 * forces.steps, 2):
         product(into_links, state, stack[:2])
         if system.base_error is not None:
             stack[0] += stretched * inner[system.base_error]
-        forces(start, stack[:2], inner, pulls[0], rates[0])
-        product(gain, pulls[0], accelerations[0])
+        forces(start, stack[:2], inner, pull, rates[0])
+        product(gain, pull, accelerations[0])
         forces.inertia(start, accelerations[0])
-        yield TangentStep(state, inner, accelerations[0], pulls[0])
+        yield TangentStep(state, inner, accelerations[0], pull)
         product(into_links, accelerations[0], stack[2])
         combine(TANGENT_MIDDLE, stack[:3], motion)
         if S:
             np.add(inner, np.float32(0.5) * rates[0], out=between)
-        forces(start + 1, motion, between, pulls[1], rates[1])
-        product(gain, pulls[1], accelerations[1])
+        forces(start + 1, motion, between, pull, rates[1])
+        product(gain, pull, accelerations[1])
         forces.inertia(start + 1, accelerations[1])
         product(into_links, accelerations[1], stack[3])
         combine(TANGENT_END, stack, motion)
         if S:
             np.add(inner, np.float32(2.0) * rates[1] - rates[0], out=between)
-        forces(start + 2, motion, between, pulls[2], rates[2])
+        forces(start + 2, motion, between, pull, rates[2])
         if S:
             inner += (rates[0] + np.float32(4.0) * rates[1] + rates[2]) / np.float32(6.0)
-        product(gain, pulls[2], accelerations[2])
+        product(gain, pull, accelerations[2])
         forces.inertia(start + 2, accelerations[2])
         state[0] += state[1]
         combine(TANGENT_CLOSING, accelerations, moved)

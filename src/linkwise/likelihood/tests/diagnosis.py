@@ -192,7 +192,7 @@ def beyond_white(fit: LikelihoodFit) -> float:
 
 _LINKS = 0.25  # of -2 log likelihood, of which a coefficient gains 1 by chance: what links cost at most, and gains change by
 _AMONG = 40  # masses that share this cost: of more of them it grows with their number, and of each it remains as small
-_BLOCK_SHIFT = 1 / 30  # of a block, by which its ends are shifted at most
+_BLOCK_SHIFT = 1 / 15  # of a block, by which its ends are shifted at most
 
 
 def in_longer_segments(fit: LikelihoodFit) -> Optimum:
