@@ -288,14 +288,21 @@ def explained_answer(
     for rung in LADDER:
         found = rung(first) if settled or rung in (_by_alerts, _by_copies, _by_channel) else None
         if found is not None and found.is_explained:
-            break
+            answer = found.reported
+            if _are_as_stated(answer, records[0]):
+                return answer
+            if not any(cause.rivals for cause in answer.added):
+                return replace(stated, alternative=answer)
         nearly = rung is _with_errors and found is not None and found.is_nearly_explained
         if found is not None and nearly and stated.grade is Grade.REFUSED:
             return found.reported
-    else:
-        return stated
-    answer, base = found.reported, accelerating_base(records[0])
-    as_stated = all(
+    return stated
+
+
+def _are_as_stated(answer: Estimate, record: Record) -> bool:
+    """Whether what was added to laws and sensors is what leaves an answer one to them as stated."""
+    base = accelerating_base(record)
+    return all(
         cause.is_instrument
         and cause.kind not in (*FREED, AMBIENT, GAIN_DRIFT, NONLINEARITY)
         and cause.remark != MAY_FADE
@@ -303,7 +310,6 @@ def explained_answer(
         and (cause.kind != "force gain" or cause.remark.startswith(OF_HITS))
         for cause in answer.added
     )
-    return answer if as_stated else replace(stated, alternative=answer)
 
 
 def _by_alerts(model: _Model) -> _Model | None:
@@ -681,9 +687,12 @@ def _beside_cause(model: _Model) -> _Model | None:
     rivals = [rival for rival in likeliest[1:] if rival.is_explained]
     if rivals and rivals[0].misfit < likeliest[0].misfit + AS_LIKELY:
         return None
-    best = next(iter(likeliest), None)
-    untried = {*best.added[-1].rivals} - {cause.name for cause in tried} if best else None
-    return None if untried else best
+    if not likeliest:
+        return None
+    best, alone = likeliest[0], {cause.name for cause in tried}
+    *before, last = best.added
+    untried = tuple(rival for rival in last.rivals if rival not in alone)
+    return replace(best, added=(*before, replace(last, rivals=untried)))
 
 
 def _can_be_added(cause: Cause) -> bool:

@@ -150,12 +150,13 @@ Hint = tuple[dict[str, Floats], str]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere
-def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
+def hinted_errors(fit: LikelihoodFit, tested: TestedCauses, beside: float = np.inf) -> Hint | None:
     """The masses and the errors of sensors to which the residuals of laws that leave only noise point, each alone.
 
-    Those that gain as much as chance gives to one of its group in one fit of 80, and others of it nearly as likely, which
-    would change a coefficient by more than its standard error; of sensors those alone that coefficients resemble, so that
-    they change by more than the error is significant. None without any.
+    Those that gain as much as chance gives to one of its group in one fit of 80, or are nearly as likely as what gains so
+    much `beside` them, and others of it nearly as likely, which would change a coefficient by more than its standard error;
+    of sensors those alone that coefficients resemble, so that they change by more than the error is significant. None without
+    any.
     """
     optimum, tests = fit.optimum, tested.tests
     moves = tests.changes * optimum.scales.theta[: len(fit.values), np.newaxis]
@@ -168,7 +169,7 @@ def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     for what, among, resemblance in (("masses", tested.stated_masses(), 0.0), ("sensors", sensors, 1.0)):
         resembled = among[shifts[among] > resemblance * np.sqrt(gains[among])]
         largest = float(np.max(gains[resembled], initial=0.0))
-        if not largest > _HINT + 2.0 * np.log(max(len(resembled), 1)):
+        if not largest > min(_HINT + 2.0 * np.log(max(len(resembled), 1)), _AS_LIKELY * beside):
             continue
         likely = list[int]()
         for k in resembled[np.argsort(-gains[resembled])].tolist():
