@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
+from record_faults import changed
 from structures import oscillator
+from within import assert_within
 
 import linkwise as lw
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.explained import _by_event, _by_saturation, _Model, _with_errors
+from linkwise.likelihood.checks.judgement import _rivals
+from linkwise.likelihood.explained import _by_causes, _by_event, _by_saturation, _Model, _with_errors
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.terms import Drift
 
@@ -102,6 +105,59 @@ def test_an_error_behind_an_event_that_alone_leaves_noise_leaves_the_record_whol
     left = answer([Cause("event", "m1", 1.0, "s", 90.0, 0.05), HIGH_PASS])
     found = present(_by_event(_Model(answered, SPRING, LikelihoodOptions(), [record], left)))
     assert [cause.kind for cause in found.added] == kept
+
+
+@pytest.mark.parametrize(
+    ("rivals", "kept"), [((), ["d**5"]), (("d*abs(d) of s",), []), (("d**3 of s",), ["d**5"])]
+)
+def test_a_term_stands_where_what_is_as_likely_and_moves_coefficients_otherwise_was_tried(
+    rivals: tuple[str, ...], kept: list[str]
+) -> None:
+    """That which was tried leaves more, that which was not may be the right one."""
+    first, second = (
+        Cause("term", "s", 1.0, "N", gain, 0.1, term=form) for form, gain in (("d**5", 90.0), ("d**3", 88.0))
+    )
+
+    def answered(structure: lw.Structure, options: LikelihoodOptions, records: Sequence[lw.Record]) -> Any:
+        return answer([]) if "d**5" in str(structure.links[0].law) else answer([first])
+
+    record = lw.Record(0.0, 100.0, ("x:m1",), np.zeros((201, 1)))
+    left = answer([replace(first, rivals=rivals), second])
+    found = present(_by_causes(_Model(answered, SPRING, LikelihoodOptions(), [record], left)))
+    assert [cause.term for cause in found.added if not cause.rivals] == kept
+
+
+def test_no_missing_term_is_a_second_answer_where_a_drifting_gain_leaves_as_little() -> None:
+    """With d**5 the damping would be 28 of its standard errors off, and only noise be left."""
+    box = oscillator("k*d + c*v + k3*d**3", name="s", k=900.0, c=0.6, k3=4e5)
+    clean = lw.simulate(box, duration=4.0, rate=200.0, release={"x:m1": 0.03})
+    drifting = changed(clean, x_m1=lambda x: x * (1.0 + 0.01 * clean.time)).with_noise(40.0, seed=1150002)
+    fit = lw.identify(drifting, box.unknown("all"))
+    assert not fit.trusted and fit.alternative is None
+    term, drift = fit.diagnosis[:2]
+    assert drift.kind == "gain drift" and drift.name in term.rivals and term.name in drift.rivals
+
+
+def test_a_line_is_a_second_answer_where_no_cause_that_moves_coefficients_leaves_as_little() -> None:
+    """To within three standard errors; a force with memory is less likely by its reach."""
+    line = Cause("harmonic force", "m1", 6.5, "Hz", 42.0, 0.0)
+    slip = Cause("term", "s", 1.0, "N", 44.0, 0.1, term="hysteresis", shift=66.0)
+    assert _rivals(slip, line) and not _rivals(replace(slip, shift=2.0), line)
+    assert not _rivals(replace(slip, gain=42.0), line) and _rivals(
+        replace(slip, gain=42.0, term="sign(v)"), line
+    )
+
+
+def test_what_hints_at_a_term_may_be_a_drift_of_a_gain_that_alone_is_no_hint() -> None:
+    box = oscillator("k*d + c*v + k3*d**3", name="s", mass=1.6, k=2100.0, c=0.9, k3=1.6e7)
+    clean = lw.simulate(box, duration=3.0, rate=200.0, release={"x:m1": 0.004})
+    drifting = changed(clean, x_m1=lambda x: x * (1.0 + 0.02 * clean.time / 3.0)).with_noise(
+        35.0, seed=1200329
+    )
+    fit = lw.identify(drifting, box.unknown("all"))
+    assert fit.trusted and "hint at a force like d**5 in s" in fit.message
+    assert "hint at a gain of x:m1 that drifts" in fit.message
+    assert_within(fit, {"s.k": 2100.0, "s.c": 0.9, "s.k3": 1.6e7}, 4.5)
 
 
 def test_a_drift_is_a_line_before_it_may_follow_the_motion() -> None:

@@ -52,7 +52,7 @@ from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.terms import (
     Delay,
     Gain,
-    HighPass,
+    OfMotion,
     Term,
     frequencies_by_channel,
     of_kind,
@@ -177,7 +177,8 @@ def discover(
 
     def search(records: Sequence[Record], sensors: LikelihoodOptions) -> LikelihoodFit:
         fit, discovery = _select(candidates, checks, progress, records, sensors)
-        if of_kind(sensors.errors, HighPass):  # which is followed once more, without the noise of its channel
+        # which are followed once more, without the noise of their channels
+        if any(isinstance(one, OfMotion) for one in sensors.errors):
             denoised = replace(sensors, errors=with_denoised(fit, records, sensors.errors))
             fit, discovery = _select(candidates, checks, progress, records, denoised)
         found[fit] = discovery

@@ -74,6 +74,8 @@ class Cause:
     overturned : tuple of str
         The coefficients that differ from zero by more than two standard errors, and beside it would not, or have the other
         sign.
+    rivals : tuple of str
+        What else the records hardly distinguish from it, with which a coefficient would change otherwise: the `name` of each.
     known_within : float
         Where it is open which of several is off: the relative standard deviation that each of them is taken as known to.
 
@@ -104,7 +106,13 @@ class Cause:
     shift: float = 0.0
     shifted: str = ""
     overturned: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
     known_within: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """What it is and where, without its size."""
+        return f"{self.term or self.kind} of {self.where}"
 
     @property
     def is_instrument(self) -> bool:

@@ -72,7 +72,7 @@ from linkwise.likelihood.starts.memory import (
     memory_starts_by_links,
 )
 from linkwise.likelihood.starts.values import require_supported, starting_values
-from linkwise.likelihood.terms import HighPass, Offset, Term, frequencies_by_channel, of_kind, unknown_gains
+from linkwise.likelihood.terms import Offset, OfMotion, Term, frequencies_by_channel, of_kind, unknown_gains
 from linkwise.model.link import refuse_signals
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
@@ -86,7 +86,7 @@ from linkwise.signals.noise import channel_noise
 _ENDED_EARLY = (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
 _QUIET = 1e-3  # of the motion: noise, at 60 dB, beside which a search creeps where laws leave more
 _PART = 0.01  # of the motion, which stands for it until the residuals tell
-_DENOISED = 2  # times that a fit beside high passes is repeated: the noise left in their integrals is then that of the motion
+_DENOISED = 2  # times that a fit beside errors that follow the motion is repeated: the noise in them is then that of a fit
 
 
 class LikelihoodKeywords(AskedKeywords, total=False):
@@ -303,14 +303,15 @@ class _Search:
     given: Mapping[str, float]
 
     def __call__(self, records: Sequence[Record], options: LikelihoodOptions) -> LikelihoodFit:
-        """A fit; where it is lost again with noise of quiet channels, and with its motion for what high passes take off."""
+        """A fit; where it is lost again with noise of quiet channels, and with its motion for errors that follow it."""
         fit = self._from_starts(records, options)
         lost = not fit.interrupted and (fit.status in _ENDED_EARLY or runs_away(fit))
         if lost and (noisier := _with_noise_of_quiet(records)) is not None:
             fit = self._from_starts(noisier, options)
             noisier = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
             fit = replace(self, given=fit.by_name)._from_starts(noisier, options)
-        for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
+        repeats = any(isinstance(one, OfMotion) for one in options.errors)
+        for _ in range(_DENOISED * repeats):
             errors = with_denoised(fit, records, options.errors)
             fit = self._from_starts(records, replace(options, errors=errors))
         return fit

@@ -62,7 +62,7 @@ from linkwise.likelihood.terms import (
     late_beside_clocks,
     of_kind,
 )
-from linkwise.likelihood.tests.diagnosis import likeliest_first
+from linkwise.likelihood.tests.diagnosis import AS_LIKELY, likeliest_first
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.likelihood.widened import FREED, with_cause, with_saturation
 from linkwise.model.coefficient import Coefficient
@@ -80,7 +80,6 @@ _TERMS = 2  # the same of terms, and what is off beside one: with more, the laws
 _DISTINCT = 10.0  # of -2 log likelihood, by which errors are told apart: "very strong" evidence
 _ALIKE = 0.5  # of what the likeliest cause explains: a term that may be what is missing explains as much
 _NEARLY = 0.9  # of it: an error of a sensor that may stand for the term, or the term for it
-_AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
 # relative: what sensors are off by, of which the record does not tell which, to the first order
 _CALIBRATED = 0.2
 WHITE = 1.25  # chi-square a sample of white noise, with the scatter of some hundred samples
@@ -289,14 +288,21 @@ def explained_answer(
     for rung in LADDER:
         found = rung(first) if settled or rung in (_by_alerts, _by_copies, _by_channel) else None
         if found is not None and found.is_explained:
-            break
+            answer = found.reported
+            if _are_as_stated(answer, records[0]):
+                return answer
+            if not any(cause.rivals for cause in answer.added):
+                return replace(stated, alternative=answer)
         nearly = rung is _with_errors and found is not None and found.is_nearly_explained
         if found is not None and nearly and stated.grade is Grade.REFUSED:
             return found.reported
-    else:
-        return stated
-    answer, base = found.reported, accelerating_base(records[0])
-    as_stated = all(
+    return stated
+
+
+def _are_as_stated(answer: Estimate, record: Record) -> bool:
+    """Whether what was added to laws and sensors is what leaves an answer one to them as stated."""
+    base = accelerating_base(record)
+    return all(
         cause.is_instrument
         and cause.kind not in (*FREED, AMBIENT, GAIN_DRIFT, NONLINEARITY)
         and cause.remark != MAY_FADE
@@ -304,7 +310,6 @@ def explained_answer(
         and (cause.kind != "force gain" or cause.remark.startswith(OF_HITS))
         for cause in answer.added
     )
-    return answer if as_stated else replace(stated, alternative=answer)
 
 
 def _by_alerts(model: _Model) -> _Model | None:
@@ -399,7 +404,7 @@ def _by_event(first: _Model) -> _Model | None:
         return last
     scale = np.where([name.is_input for name in record.channels], 1.0, 1.0 + event.share)
     scaled = last.beside(records=[parts[0], replace(parts[1], values=parts[1].values / scale)])
-    if scaled is None or scaled.misfit > last.misfit + _AS_LIKELY:
+    if scaled is None or scaled.misfit > last.misfit + AS_LIKELY:
         return last
     change = scaled.answer.values - last.answer.values
     wider = last.answer.covariance + np.outer(change, change)
@@ -448,7 +453,7 @@ def _by_high_pass(first: _Model) -> _Model | None:
         passed = first.with_error(cause)
         if passed is not None and passed.is_explained:
             rivals = (explained(first, _beside_cause, 1), _with_errors(first, most=1))
-            alike = (one.is_explained and one.misfit < passed.misfit + _AS_LIKELY for one in rivals)
+            alike = (one.is_explained and one.misfit < passed.misfit + AS_LIKELY for one in rivals)
             return None if any(alike) else passed
     return None
 
@@ -488,7 +493,7 @@ def _with_errors(first: _Model, most: int = _ERRORS) -> _Model:
     given = replace(first.options, random=last.options.random, harmonics=last.options.harmonics)
     options = with_error(given, errors[-1], first.records[0])
     alone = None if options is None else first.beside(*beside, errors[-1], options=options)
-    as_likely = alone is not None and alone.is_explained and alone.misfit < last.misfit + _AS_LIKELY
+    as_likely = alone is not None and alone.is_explained and alone.misfit < last.misfit + AS_LIKELY
     return alone if alone is not None and as_likely else last
 
 
@@ -669,7 +674,7 @@ def _beside_cause(model: _Model) -> _Model | None:
         return scaled
     causes = () if model.is_explained else model.answer.diagnosis
     named = [c for c in causes if _can_be_added(c) and (model.added or not c.is_instrument)]
-    least = max(_ALIKE * causes[0].gain, -likeliest_first(named[0]) - _AS_LIKELY) if named else 0.0
+    least = max(_ALIKE * causes[0].gain, -likeliest_first(named[0]) - AS_LIKELY) if named else 0.0
     tried = [cause for cause in named if -likeliest_first(cause) > least][:_TRIED]
     if tried and not (model.added or causes[0].is_instrument):
         errors = (cause for cause in causes if is_admissible(cause) and _can_be_added(cause))
@@ -680,9 +685,14 @@ def _beside_cause(model: _Model) -> _Model | None:
         key=lambda richer: (not richer.is_explained, richer.misfit),
     )
     rivals = [rival for rival in likeliest[1:] if rival.is_explained]
-    if rivals and rivals[0].misfit < likeliest[0].misfit + _AS_LIKELY:
+    if rivals and rivals[0].misfit < likeliest[0].misfit + AS_LIKELY:
         return None
-    return next(iter(likeliest), None)
+    if not likeliest:
+        return None
+    best, alone = likeliest[0], {cause.name for cause in tried}
+    *before, last = best.added
+    untried = tuple(rival for rival in last.rivals if rival not in alone)
+    return replace(best, added=(*before, replace(last, rivals=untried)))
 
 
 def _can_be_added(cause: Cause) -> bool:

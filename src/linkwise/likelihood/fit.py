@@ -16,7 +16,6 @@ from math import inf, isinf
 from typing import TypeVar
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
@@ -31,7 +30,7 @@ from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, sea
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus, AnnealingStep
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Segments
-from linkwise.likelihood.terms import Delay, Found, Gain, HighPass, Term, Unknown
+from linkwise.likelihood.terms import Delay, Found, Gain, OfMotion, Term, Unknown
 from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -302,40 +301,27 @@ def likelihood_fit(
 
 
 def with_denoised(fit: LikelihoodFit, records: Sequence[Record], errors: Sequence[Term]) -> tuple[Term, ...]:
-    """The errors with what high passes leave of the motion of a fit in each record, without the noise of the samples."""
+    """The errors with what their channels show of the motion of a fit in each record, without the noise of the samples."""
     return tuple(
-        replace(one, shown=_denoised(fit, records, one)) if isinstance(one, HighPass) else one
+        replace(one, shown=_denoised(fit, records, one)) if isinstance(one, OfMotion) else one
         for one in errors
     )
 
 
-def _denoised(fit: LikelihoodFit, records: Sequence[Record], term: HighPass) -> list[Floats]:
-    """What a high pass, with its corner in the first record, leaves of the motion in each record (N,)."""
+def _denoised(fit: LikelihoodFit, records: Sequence[Record], term: OfMotion) -> list[Floats]:
+    """What an error, with its size in the first record, leaves of the motion in each record (N,)."""
     segments, number = fit.segments, records[0].responses.index(term.channel)
     ends = np.cumsum([0, *(-(-len(record) // len(segments.samples)) for record in records)])
-    corner = next(float(one.sizes[0]) for one in fit.found if one.term == term)
+    size = next(float(one.sizes[0]) for one in fit.found if one.term == term)
     assert segments.waveforms is not None
-    left = fit.misfit.residuals[:, number] * segments.deviations(fit.optimum.scales)[number]
-    taken = left + segments.waveforms.added(number, fit.optimum.point.offsets[segments.sensors.constants :])
+    noise = fit.misfit.residuals[:, number] * segments.deviations(fit.optimum.scales)[number]
+    taken = noise + segments.waveforms.added(number, fit.optimum.point.offsets[segments.sensors.constants :])
     series = []
     for record, part in zip(records, map(slice, ends[:-1], ends[1:]), strict=True):
         samples = record.channel(term.channel)
         motion = samples - taken[:, part].T.ravel()[: len(record)]
-        passed = _passed(motion, record.step, corner)
-        decay = np.exp(-2.0 * np.pi * corner * record.step * np.arange(len(record)))
-        # of its state at the start
-        series.append(passed + decay * (decay @ (samples - passed)) / (decay @ decay))
+        series.append(term.left(motion, samples, record.step, size))
     return series
-
-
-def _passed(motion: Floats, step: float, corner: float) -> Floats:
-    """(N,) what a high pass of first order, at rest before, leaves of a motion (N,), by the trapezoidal rule."""
-    half = np.pi * corner * step
-    bands = np.array([[1.0 + half], [half - 1.0]]).repeat(len(motion), axis=1)
-    integral = scipy.linalg.solve_banded(
-        (1, 0), bands, np.append(0.0, 0.5 * step * (motion[1:] + motion[:-1]))
-    )
-    return np.asarray(motion - 2.0 * np.pi * corner * integral)
 
 
 def _fit(problem: Problem, theta: Floats, spread: Floats | None, options: LikelihoodOptions) -> LikelihoodFit:

@@ -432,16 +432,44 @@ class Hum(Disturbance):
 
 
 @dataclass(frozen=True)
-class HighPass(Waveform):
+class OfMotion(Waveform):
+    """What a sensor shows beside the motion that follows from what it shows.
+
+    Of its samples it would hold their noise as well, so that a fit is repeated with what the one before has `shown` by record.
+    """
+
+    shown: Sequence[Floats] = field(default=(), compare=False, repr=False, kw_only=True)
+
+    def refusal(self, records: Sequence[Record]) -> str:
+        return super().refusal(records) or self.gaps_in(records)
+
+    def seen(self, frame: FramedRecord, number: int, noise: Mapping[str, float]) -> Floats:
+        return self.shown[number] if self.shown else super().seen(frame, number, noise)
+
+    def left(self, motion: Floats, samples: Floats, step: float, size: float) -> Floats:
+        """(N,) what it follows from along a `motion` (N,) without noise, by the size that a fit to the samples (N,) found."""
+        return motion
+
+
+def _passed(motion: Floats, step: float, corner: float) -> Floats:
+    """(N,) what a high pass of first order, at rest before, leaves of a motion (N,), by the trapezoidal rule."""
+    half = np.pi * corner * step
+    bands = np.array([[1.0 + half], [half - 1.0]]).repeat(len(motion), axis=1)
+    integral = scipy.linalg.solve_banded(
+        (1, 0), bands, np.append(0.0, 0.5 * step * (motion[1:] + motion[:-1]))
+    )
+    return np.asarray(motion - 2.0 * np.pi * corner * integral)
+
+
+@dataclass(frozen=True)
+class HighPass(OfMotion):
     """A high pass of first order, whose `corner` in Hz may be stated.
 
     It takes off a channel its corner times the integral of what that shows, beside a constant and a ramp from its state and
-    its mean before, which a `drift` from anywhere holds. Noise adds up in the integral, so that a fit is repeated with what
-    the one before has `shown`, by record.
+    its mean before, which a `drift` from anywhere holds. Noise adds up in the integral.
     """
 
     corner: float | None = None
-    shown: Sequence[Floats] = field(default=(), compare=False, repr=False)
     drift: bool = field(default=False, compare=False)
     kind, argument = HIGH_PASS, "corners"
     wrong = "the corner of {name} must be a positive frequency in Hz, got {number!r}"
@@ -454,11 +482,11 @@ class HighPass(Waveform):
         slow = [] if self.drift else [np.ones_like(shown.ramp), shown.ramp]
         return [-2.0 * np.pi * shown.integral(), *slow]
 
-    def refusal(self, records: Sequence[Record]) -> str:
-        return super().refusal(records) or self.gaps_in(records)
-
-    def seen(self, frame: FramedRecord, number: int, noise: Mapping[str, float]) -> Floats:
-        return self.shown[number] if self.shown else super().seen(frame, number, noise)
+    def left(self, motion: Floats, samples: Floats, step: float, size: float) -> Floats:
+        """(N,) what the high pass leaves of a motion, and of its state at the start."""
+        passed = _passed(motion, step, size)
+        decay = np.exp(-2.0 * np.pi * size * step * np.arange(len(motion)))
+        return np.asarray(passed + decay * (decay @ (samples - passed)) / (decay @ decay))
 
     def estimate(self, value: float, error: float, unit: str) -> SensorErrorEstimate | None:
         return super().estimate(value, error, unit) if self.corner is None else None
@@ -492,30 +520,20 @@ class Crosstalk(Waveform):
 
 
 @dataclass(frozen=True)
-class OfReading(Waveform):
-    """What a sensor shows beside the motion that follows from what it shows at the same moment."""
-
-    argument = "admit"
-
-    def refusal(self, records: Sequence[Record]) -> str:
-        return super().refusal(records) or self.gaps_in(records)
-
-
-@dataclass(frozen=True)
-class GainDrift(OfReading):
+class GainDrift(OfMotion):
     """A gain that drifts by its size along a record."""
 
-    kind = GAIN_DRIFT
+    kind, argument = GAIN_DRIFT, "admit"
 
     def columns(self, shown: Shown) -> list[Floats]:
         return [shown.value * shown.ramp]
 
 
 @dataclass(frozen=True)
-class Nonlinearity(OfReading):
+class Nonlinearity(OfMotion):
     """A cubic part of what a sensor shows, its size at the largest value that it shows."""
 
-    kind = NONLINEARITY
+    kind, argument = NONLINEARITY, "admit"
 
     def columns(self, shown: Shown) -> list[Floats]:
         return [shown.value * (shown.value / max(np.abs(shown.value).max(), _TINY)) ** 2]

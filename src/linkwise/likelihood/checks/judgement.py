@@ -22,7 +22,7 @@ from linkwise.likelihood.harmonics import Lines
 from linkwise.likelihood.noise import lag_one_autocorrelation
 from linkwise.likelihood.random_forces import noise_of_channels
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
-from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose, likeliest_first
+from linkwise.likelihood.tests.diagnosis import AS_LIKELY, Diagnosis, diagnose, likeliest_first
 from linkwise.likelihood.tests.variances import SPECTRAL_KINDS, InputNoise, noise_of_inputs
 from linkwise.model.coefficient import MASS
 from linkwise.model.structure import Structure
@@ -124,6 +124,11 @@ class Judgement:
 SKEWED = "skewed profiles"
 
 
+def _rivals(cause: Cause, line: Cause) -> bool:
+    """Whether a cause that moves coefficients is as likely as a line, which moves them little."""
+    return cause.shift > LARGEST_SHIFT and likeliest_first(cause) < likeliest_first(line) + AS_LIKELY
+
+
 def _contradicts(cause: Cause) -> bool:
     """Whether a cause contradicts what was stated, by more than coefficients hold."""
     return cause.kind in _CONTRADICTED or (cause.kind in _STATED and not cause.shift <= LARGEST_SHIFT)
@@ -201,7 +206,11 @@ class Examined:
         first = max((cause.gain for cause in self.diagnosis.causes), default=0.0)
         least = max(_LINE * random, AS_NOISE * first)
         found = self.lines.causes(self.diagnosis.tested) if self.lines else ()
-        lines = (cause for cause in found if cause.gain > least)
+        lines = [
+            replace(line, rivals=tuple(one.name for one in self.diagnosis.causes if _rivals(one, line)))
+            for line in found
+            if line.gain > least
+        ]
         every = [*self.diagnosis.causes, *noisy, *forces, *lines]
         tells = bool(every) and not (noisy or self.fit.chi_square_off)
         if tells and self.jump is not None and self.jump.is_significant:

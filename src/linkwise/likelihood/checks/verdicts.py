@@ -471,13 +471,21 @@ def hinted_event(of: Examined, before: Judgement) -> Judgement | None:
 
 
 def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:
-    """Whether residuals hint at missing terms, or parts of the records disagree, though nothing is significant."""
-    fit = of.fit
+    """Whether residuals hint at missing terms, or parts of the records disagree, though nothing is significant.
+
+    What hints at a term may as well be an error of a mass or a sensor that alone would be no hint.
+    """
+    fit, tested = of.fit, of.diagnosis.tested
     ambient = any(force.ambient for force in fit.random_forces)
     if not before.leaves_noise or fit.optimum.coloured is not None or ambient:
         return None
-    hint = doubt(fit, of.diagnosis.tested, searched=of.searched)
-    return None if hint is None else _widened(before, *hint)
+    hint = doubt(fit, tested, searched=of.searched)
+    if hint is None or tested is None:
+        return None
+    terms = float(np.max(tested.tests.gains[tested.of_laws], initial=0.0)) / fit.optimum.noise**2
+    errors = None if {"masses", "sensors"} & {*before.added} else errors_of(fit, tested, terms)
+    widened = _widened(before, *hint)
+    return widened if errors is None else _widened(widened, *errors)
 
 
 def motion_that_begins_anew(of: Examined, before: Judgement) -> Judgement | None:

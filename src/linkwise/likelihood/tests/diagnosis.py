@@ -24,7 +24,7 @@ from itertools import chain
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, GAIN_DRIFT, HIGH_PASS, NONLINEARITY, Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, Optimum
@@ -150,12 +150,13 @@ Hint = tuple[dict[str, Floats], str]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere
-def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
+def hinted_errors(fit: LikelihoodFit, tested: TestedCauses, beside: float = np.inf) -> Hint | None:
     """The masses and the errors of sensors to which the residuals of laws that leave only noise point, each alone.
 
-    Those that gain as much as chance gives to one of its group in one fit of 80, and others of it nearly as likely, which
-    would change a coefficient by more than its standard error; of sensors those alone that coefficients resemble, so that
-    they change by more than the error is significant. None without any.
+    Those that gain as much as chance gives to one of its group in one fit of 80, or are nearly as likely as what gains so
+    much `beside` them, and others of it nearly as likely, which would change a coefficient by more than its standard error;
+    of sensors those alone that coefficients resemble, so that they change by more than the error is significant. None without
+    any.
     """
     optimum, tests = fit.optimum, tested.tests
     moves = tests.changes * optimum.scales.theta[: len(fit.values), np.newaxis]
@@ -168,7 +169,7 @@ def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     for what, among, resemblance in (("masses", tested.stated_masses(), 0.0), ("sensors", sensors, 1.0)):
         resembled = among[shifts[among] > resemblance * np.sqrt(gains[among])]
         largest = float(np.max(gains[resembled], initial=0.0))
-        if not largest > _HINT + 2.0 * np.log(max(len(resembled), 1)):
+        if not largest > min(_HINT + 2.0 * np.log(max(len(resembled), 1)), _AS_LIKELY * beside):
             continue
         likely = list[int]()
         for k in resembled[np.argsort(-gains[resembled])].tolist():
@@ -295,6 +296,8 @@ PRICES = {
     **dict.fromkeys(("d*abs(d)", GAIN_DRIFT, NONLINEARITY), 9.0),
 }
 """Of -2 log likelihood, that a cause loses beside a smooth function: by three standard errors these are told apart."""
+AS_LIKELY = 9.0
+"""Of -2 log likelihood: three standard errors, by which a cause exceeds those that are less likely."""
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 
 
@@ -486,11 +489,14 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
     if len(numbers) and int(np.argmax(gains)) in numbers:  # no other cause gains as much
         masses[numbers] = gains[numbers] > _MASS_CHANCE + 2.0 * np.log(len(numbers))
     sample = float(optimum.segments.step[0]) * optimum.segments.refine
+    relative = np.where([one.kind == FILTER for one in tested.hypotheses], tested.attenuation, 1.0) * sizes
+    small = [
+        _is_small(one, float(size), sample) for one, size in zip(tested.hypotheses, relative, strict=True)
+    ]
     for number, hypothesis in enumerate(tested.hypotheses):
         size, is_filter = float(sizes[number]), hypothesis.kind == FILTER
         beyond = gains[number] > (_CHANCE_OF_FILTER if is_filter else limit) or masses[number]
-        relative = size * tested.attenuation if is_filter else size
-        if not (beyond and _is_small(hypothesis, relative, sample)):
+        if not (beyond and small[number]):
             continue
         forces = forces or link_forces(optimum, tested.structure)
         force = forces.get(hypothesis.where, 0.0) if hypothesis.term else 0.0
@@ -508,10 +514,22 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
             share=abs(scale * size) / force if force > 0.0 else 0.0,
             remark=_remark(hypothesis, size, optimum, sample),
         )
-        cause = _with_changes(cause, fit, tests.changes[:, number])
+        alike = np.flatnonzero(_are_rivals(tested, fit, number, gains) & small)
+        names = tuple(tested.hypotheses[rival].name for rival in alike.tolist())
+        cause = replace(_with_changes(cause, fit, tests.changes[:, number]), rivals=names)
         if cause.gain > limit or cause.shift > _SHIFTED:
             causes.append(cause)
     return tuple(causes)
+
+
+def _are_rivals(tested: TestedCauses, fit: LikelihoodFit, number: int, gains: Floats) -> Bools:
+    """(h,) which hypotheses are as likely as one, to within three standard errors, and change a coefficient otherwise."""
+    likely = gains - [PRICES.get(one.term or one.kind, 0.0) for one in tested.hypotheses]
+    changes = tested.tests.changes[fit.free] * fit.optimum.scales.theta[: len(fit.values)][fit.free, None]
+    own = changes[:, number]
+    variances = fit.covariance.diagonal()[fit.free] + own**2 / gains[number]
+    apart = np.abs(changes - own[:, None]) / np.sqrt(np.maximum(variances, np.finfo(float).tiny))[:, None]
+    return np.asarray((likely > likely[number] - AS_LIKELY) & (np.max(apart, axis=0, initial=0.0) > _SHIFTED))
 
 
 def _is_small(hypothesis: Hypothesis, size: float, sample: float) -> bool:

@@ -425,6 +425,11 @@ class Hypothesis:
     source: str = ""
     unit: str = ""
 
+    @property
+    def name(self) -> str:
+        """What it is and where, as of a `Cause`."""
+        return f"{self.term or self.kind} of {self.where}"
+
     @cached_property
     def is_usual(self) -> bool:
         """Whether it is one of the few terms that links lack most often."""
