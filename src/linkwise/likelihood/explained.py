@@ -216,12 +216,14 @@ class _Model:
 
     @property
     def reported(self) -> Estimate:
-        """Its answer, with the sizes of what was added as they were found, and what clocks and a base leave open in its
-        covariance.
+        """Its answer, whose message begins with what was added, with sizes as they were found, and what clocks and a base
+        leave open in its covariance.
         """
-        changes = self._of_open_scales
+        changes, added = self._of_open_scales, as_found(self.added, self.answer)
         covariance = self.answer.covariance + changes.T @ changes
-        return replace(self.answer, added=as_found(self.added, self.answer), covariance=covariance)
+        causes, message = " and ".join(cause.description for cause in added), self.answer.message
+        message = f"Beside {causes}, taken into the model, {message[:1].lower()}{message[1:]}"
+        return replace(self.answer, added=added, covariance=covariance, message=message)
 
     @property
     def is_explained(self) -> bool:
