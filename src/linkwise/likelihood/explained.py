@@ -37,7 +37,13 @@ from linkwise.estimates.causes import (
 )
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
-from linkwise.likelihood.checks.recording import EXCHANGES, copied_samples, corrected, likeliest_errors
+from linkwise.likelihood.checks.recording import (
+    EXCHANGES,
+    copied_samples,
+    corrected,
+    exchanges,
+    likeliest_errors,
+)
 from linkwise.likelihood.checks.slips import slips
 from linkwise.likelihood.delays import Search, with_delays
 from linkwise.likelihood.fit import LikelihoodFit
@@ -584,11 +590,14 @@ def beside_exchange(
     Raises
     ------
     IdentificationError
-        The `refusal`, where no such error explains by far most; with the error named where more than noise is left without it.
+        The `refusal`, where no such error explains by far most; with the error named where more than noise is left without it,
+        and with all that the equations of motion cannot tell apart.
     """
     error = next(iter(likeliest_errors(records, structure)), None)
     if error is None or error.kind not in EXCHANGES:
-        raise refusal
+        alike = " or ".join(one.description for one in exchanges(records, structure))
+        left = f"without {alike} the equations of motion leave far less of the record: mend that first"
+        raise IdentificationError(f"{refusal}; {left}") if alike else refusal
     exchanged = [corrected(record, error) for record in records]
     try:
         answer = answered(structure, options, exchanged)
