@@ -24,7 +24,6 @@ from linkwise.estimates.causes import (
     CAUSE_KINDS,
     CLIPPED,
     CLOCK,
-    CROSSTALK,
     EVENT,
     GAIN_DRIFT,
     HARMONIC,
@@ -37,6 +36,7 @@ from linkwise.estimates.causes import (
 )
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
+from linkwise.likelihood.checks.judgement import LARGEST_SHIFT
 from linkwise.likelihood.checks.recording import (
     EXCHANGES,
     copied_samples,
@@ -68,7 +68,7 @@ from linkwise.likelihood.terms import (
     late_beside_clocks,
     of_kind,
 )
-from linkwise.likelihood.tests.diagnosis import likeliest_first
+from linkwise.likelihood.tests.diagnosis import DISTINCT, likeliest_first
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.likelihood.widened import FREED, with_cause, with_saturation
 from linkwise.model.coefficient import Coefficient
@@ -83,7 +83,6 @@ from linkwise.verdict import Grade, Verdict
 
 _ERRORS = 4  # that are added at most: with more, a term is missing rather
 _TERMS = 2  # the same of terms, and what is off beside one: with more, the laws are of another form
-_DISTINCT = 10.0  # of -2 log likelihood, by which errors are told apart: "very strong" evidence
 _ALIKE = 0.5  # of what the likeliest cause explains: a term that may be what is missing explains as much
 _NEARLY = 0.9  # of it: an error of a sensor that may stand for the term, or the term for it
 _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
@@ -164,20 +163,17 @@ def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
         return None
     first = instruments[0]
     is_late = first.kind.endswith(("delay", CLOCK))
-    # crosstalk resembles a link between two masses
-    rivals = diagnosis if first.kind == CROSSTALK else instruments[1:]
-    return (
-        None
-        if not is_late and any(_rivals(first, rival) for rival in rivals if rival is not first)
-        else first
-    )
+    rivals = (cause for cause in diagnosis if cause is not first)
+    return None if not is_late and any(_rivals(first, rival) for rival in rivals) else first
 
 
 def _rivals(first: Cause, second: Cause) -> bool:
-    """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass."""
+    """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass, or
+    from a term that leaves other coefficients, as one that is even is like an offset of a displacement.
+    """
     kinds = ("mass", GAIN_DRIFT, *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
-    kinds += ("term", "link") if first.kind == CROSSTALK else ()
-    return second.kind in kinds and second.gain > first.gain - _DISTINCT
+    of_laws = not second.is_instrument and max(first.shift, second.shift) > LARGEST_SHIFT
+    return (of_laws or second.kind in kinds) and second.gain > first.gain - DISTINCT
 
 
 Answered = Callable[[Structure, LikelihoodOptions, Sequence[Record]], Estimate]
@@ -682,9 +678,10 @@ def _beside_cause(model: _Model) -> _Model | None:
     named = [c for c in causes if _can_be_added(c) and (model.added or not c.is_instrument)]
     least = max(_ALIKE * causes[0].gain, -likeliest_first(named[0]) - _AS_LIKELY) if named else 0.0
     tried = [cause for cause in named if -likeliest_first(cause) > least][:_TRIED]
-    if tried and not (model.added or causes[0].is_instrument):
+    if tried and not model.added:
         errors = (cause for cause in causes if is_admissible(cause) and _can_be_added(cause))
-        tried += [cause for cause in errors if cause.gain > _NEARLY * causes[0].gain][:1]
+        near = min(_NEARLY * causes[0].gain, causes[0].gain - DISTINCT)
+        tried += [cause for cause in errors if cause.gain > near][:1]
     fits = (_with(cause, model) for cause in tried)
     likeliest = sorted(
         (richer for richer in fits if richer is not None),
