@@ -189,7 +189,7 @@ def test_motion_on_both_sides_of_a_sink_tells_its_asymmetry() -> None:
 
 
 def test_a_term_nearly_as_likely_as_an_offset_is_named_beside_it() -> None:
-    """Chance gives the term by itself as much in one fit of some hundred; beside an offset that is there it may be what is there."""
+    """Chance gives the term as much in one fit of some hundred; where one of the two is there, it may be that one."""
     across = lw.simulate(
         oscillator(WELL, **SINK), release={"x:m1": 0.01, "v:m1": 0.3}, duration=6.0, rate=250.0
     )
