@@ -15,7 +15,14 @@ from within import assert_within
 import linkwise as lw
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.judgement import _rivals
-from linkwise.likelihood.explained import _by_causes, _by_event, _by_saturation, _Model, _with_errors
+from linkwise.likelihood.explained import (
+    _by_causes,
+    _by_event,
+    _by_saturation,
+    _Model,
+    _with_errors,
+    distinct_error,
+)
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.terms import Drift
 
@@ -215,3 +222,13 @@ def test_a_gain_is_that_of_the_base_or_of_the_sensor(off: str) -> None:
     assert {cause.where for cause in second.added if cause.kind == "gain"} == {"rel:x:m1", "a:base"}
     cubic = second.coefficient("link.k3")
     assert abs(present(cubic.value) - 2e5) < 2.0 * present(cubic.standard_error) < 4.0 * 2.0 * 0.03 * 2e5
+
+
+def test_an_offset_is_not_told_from_a_term_as_likely_that_leaves_other_coefficients() -> None:
+    """An even term in a bistable sink is like an offset of its displacement; a constant in a spring leaves all as it is."""
+    offset = Cause("offset", "x:m1", 4.5e-5, "m", 22.0, 1e-5, shift=6.7)
+    even = Cause("term", "sink", -0.14, "N", 18.6, 0.03, term="d**2", shift=13.3)
+    assert distinct_error((offset, even)) is None
+    assert distinct_error((offset, replace(even, gain=11.0))) is offset
+    alike = replace(offset, shift=0.1)
+    assert distinct_error((alike, replace(even, term="1", shift=0.1))) is alike

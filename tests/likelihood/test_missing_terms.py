@@ -188,6 +188,18 @@ def test_motion_on_both_sides_of_a_sink_tells_its_asymmetry() -> None:
     assert fit.covariance[0, 0] < 1.0
 
 
+def test_a_term_nearly_as_likely_as_an_offset_is_named_beside_it() -> None:
+    """Chance gives the term as much in one fit of some hundred; where one of the two is there, it may be that one."""
+    across = lw.simulate(
+        oscillator(WELL, **SINK), release={"x:m1": 0.01, "v:m1": 0.3}, duration=6.0, rate=250.0
+    )
+    noisy = across.with_noise(40.0, seed=2)
+    off = lw.Record(noisy.start, noisy.rate, noisy.channels, noisy.values + 1e-5)
+    offset, term = lw.identify(off, oscillator(WELL, **SINK).unknown("all"), as_stated=True).diagnosis
+    assert (offset.kind, term.term) == ("offset", "d**2") and 0.0 < offset.gain - term.gain < 10.0
+    assert term.gain < 16.0 < offset.gain
+
+
 def test_records_that_bound_the_terms_tell_nothing() -> None:
     unknown = DAMPED.unknown("all")
     for bounding in (shaken(DAMPED, duration=60.0), shaken(DAMPED, noise=0.1 * NOISE)):

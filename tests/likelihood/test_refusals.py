@@ -95,3 +95,17 @@ def test_what_no_fit_can_find_is_refused(
     with pytest.raises(lw.IdentificationError, match=message) as refused:
         lw.identify(given, asked, **options)
     assert set(refused.value.arguments) <= {*options, "channels"}
+
+
+def test_units_that_are_not_told_apart_are_named_where_no_search_starts() -> None:
+    """Accelerations a thousand times too small, and a force a thousand times too large, give the same equations."""
+    values = {"s.k": 3000.0, "s.k3": 4e7, "s.c": 2.0}
+    structure = lw.rig({"m1": 2.0}, {"s": "m1 - ground: k*d + k3*d**3 + c*v"}, values)
+    force = "9*sin(30*t) + 7*sin(43*t + 1)"
+    record = lw.simulate(structure, duration=4.0, rate=250.0, forces={"m1": force}, sensors=["a"])
+    columns = record.with_noise(40.0, seed=0).values * [1e-3, 1.0]
+    small = replace(record, values=columns, simulated=None)
+    with pytest.raises(
+        lw.IdentificationError, match=r"without another unit of force:m1.*or another unit of a:m1.*far less"
+    ):
+        lw.identify(small, structure.unknown("all"))

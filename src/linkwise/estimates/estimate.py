@@ -337,16 +337,7 @@ class Estimate(JudgedView):
         of_energy = (
             one for number, link in judged for one in energy_findings(link, d[:, number], v[:, number])
         )
-        return (*map(str, self.alerts), *self._of_added, *self.remarks, *bounds, *of_links, *of_energy)
-
-    @property
-    def _of_added(self) -> tuple[str, ...]:
-        """That errors of sensors and inputs were added to what was stated; nothing without any."""
-        if not self.added:
-            return ()
-        causes = " and ".join(cause.description for cause in self.added)
-        left = "noise" if self.grade is Grade.EXPLAINED else "the model error"
-        return (f"Beside {causes}, which was taken into the model, the laws leave {left} alone.",)
+        return (*map(str, self.alerts), *self.remarks, *bounds, *of_links, *of_energy)
 
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:

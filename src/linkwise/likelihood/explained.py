@@ -24,7 +24,6 @@ from linkwise.estimates.causes import (
     CAUSE_KINDS,
     CLIPPED,
     CLOCK,
-    CROSSTALK,
     EVENT,
     GAIN_DRIFT,
     HARMONIC,
@@ -37,7 +36,14 @@ from linkwise.estimates.causes import (
 )
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
-from linkwise.likelihood.checks.recording import EXCHANGES, copied_samples, corrected, likeliest_errors
+from linkwise.likelihood.checks.judgement import LARGEST_SHIFT
+from linkwise.likelihood.checks.recording import (
+    EXCHANGES,
+    copied_samples,
+    corrected,
+    exchanges,
+    likeliest_errors,
+)
 from linkwise.likelihood.checks.slips import slips
 from linkwise.likelihood.delays import Search, with_delays
 from linkwise.likelihood.fit import LikelihoodFit
@@ -62,7 +68,7 @@ from linkwise.likelihood.terms import (
     late_beside_clocks,
     of_kind,
 )
-from linkwise.likelihood.tests.diagnosis import AS_LIKELY, likeliest_first
+from linkwise.likelihood.tests.diagnosis import AS_LIKELY, DISTINCT, likeliest_first
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.likelihood.widened import FREED, with_cause, with_saturation
 from linkwise.model.coefficient import Coefficient
@@ -77,7 +83,6 @@ from linkwise.verdict import Grade, Verdict
 
 _ERRORS = 4  # that are added at most: with more, a term is missing rather
 _TERMS = 2  # the same of terms, and what is off beside one: with more, the laws are of another form
-_DISTINCT = 10.0  # of -2 log likelihood, by which errors are told apart: "very strong" evidence
 _ALIKE = 0.5  # of what the likeliest cause explains: a term that may be what is missing explains as much
 _NEARLY = 0.9  # of it: an error of a sensor that may stand for the term, or the term for it
 # relative: what sensors are off by, of which the record does not tell which, to the first order
@@ -157,20 +162,17 @@ def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
         return None
     first = instruments[0]
     is_late = first.kind.endswith(("delay", CLOCK))
-    # crosstalk resembles a link between two masses
-    rivals = diagnosis if first.kind == CROSSTALK else instruments[1:]
-    return (
-        None
-        if not is_late and any(_rivals(first, rival) for rival in rivals if rival is not first)
-        else first
-    )
+    rivals = (cause for cause in diagnosis if cause is not first)
+    return None if not is_late and any(_rivals(first, rival) for rival in rivals) else first
 
 
 def _rivals(first: Cause, second: Cause) -> bool:
-    """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass."""
+    """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass, or
+    from a term that leaves other coefficients, as one that is even is like an offset of a displacement.
+    """
     kinds = ("mass", GAIN_DRIFT, *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
-    kinds += ("term", "link") if first.kind == CROSSTALK else ()
-    return second.kind in kinds and second.gain > first.gain - _DISTINCT
+    of_laws = not second.is_instrument and max(first.shift, second.shift) > LARGEST_SHIFT
+    return (of_laws or second.kind in kinds) and second.gain > first.gain - DISTINCT
 
 
 Answered = Callable[[Structure, LikelihoodOptions, Sequence[Record]], Estimate]
@@ -215,12 +217,14 @@ class _Model:
 
     @property
     def reported(self) -> Estimate:
-        """Its answer, with the sizes of what was added as they were found, and what clocks and a base leave open in its
-        covariance.
+        """Its answer, whose message begins with what was added, with sizes as they were found, and what clocks and a base
+        leave open in its covariance.
         """
-        changes = self._of_open_scales
+        changes, added = self._of_open_scales, as_found(self.added, self.answer)
         covariance = self.answer.covariance + changes.T @ changes
-        return replace(self.answer, added=as_found(self.added, self.answer), covariance=covariance)
+        causes, message = " and ".join(cause.description for cause in added), self.answer.message
+        message = f"Beside {causes}, taken into the model, {message[:1].lower()}{message[1:]}"
+        return replace(self.answer, added=added, covariance=covariance, message=message)
 
     @property
     def is_explained(self) -> bool:
@@ -587,11 +591,14 @@ def beside_exchange(
     Raises
     ------
     IdentificationError
-        The `refusal`, where no such error explains by far most; with the error named where more than noise is left without it.
+        The `refusal`, where no such error explains by far most; with the error named where more than noise is left without it,
+        and with all that the equations of motion cannot tell apart.
     """
     error = next(iter(likeliest_errors(records, structure)), None)
     if error is None or error.kind not in EXCHANGES:
-        raise refusal
+        alike = " or ".join(one.description for one in exchanges(records, structure))
+        left = f"without {alike} the equations of motion leave far less of the record: mend that first"
+        raise IdentificationError(f"{refusal}; {left}") if alike else refusal
     exchanged = [corrected(record, error) for record in records]
     try:
         answer = answered(structure, options, exchanged)
@@ -676,9 +683,10 @@ def _beside_cause(model: _Model) -> _Model | None:
     named = [c for c in causes if _can_be_added(c) and (model.added or not c.is_instrument)]
     least = max(_ALIKE * causes[0].gain, -likeliest_first(named[0]) - AS_LIKELY) if named else 0.0
     tried = [cause for cause in named if -likeliest_first(cause) > least][:_TRIED]
-    if tried and not (model.added or causes[0].is_instrument):
+    if tried and not model.added:
         errors = (cause for cause in causes if is_admissible(cause) and _can_be_added(cause))
-        tried += [cause for cause in errors if cause.gain > _NEARLY * causes[0].gain][:1]
+        near = min(_NEARLY * causes[0].gain, causes[0].gain - DISTINCT)
+        tried += [cause for cause in errors if cause.gain > near][:1]
     fits = (_with(cause, model) for cause in tried)
     likeliest = sorted(
         (richer for richer in fits if richer is not None),

@@ -155,6 +155,12 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
     )
 
 
+def exchanges(records: Sequence[Record], structure: Structure) -> list[Cause]:
+    """The signs, units, places and references of channels that explain by far most; several that are not told apart."""
+    convincing = _convincing([*map(_loudest_part, records)], structure)
+    return _alike([error for error in convincing if error.kind in EXCHANGES])
+
+
 def likeliest_errors(
     records: Sequence[Record], structure: Structure, named: Sequence[str] = ()
 ) -> list[Cause]:

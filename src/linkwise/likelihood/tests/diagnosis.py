@@ -298,6 +298,8 @@ PRICES = {
 """Of -2 log likelihood, that a cause loses beside a smooth function: by three standard errors these are told apart."""
 AS_LIKELY = 9.0
 """Of -2 log likelihood: three standard errors, by which a cause exceeds those that are less likely."""
+DISTINCT = 10.0
+"""Of -2 log likelihood, by which causes are told apart: "very strong" evidence between two (Kass and Raftery 1995)."""
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 
 
@@ -480,8 +482,10 @@ def _with_determinants(
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
 def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
-    """The causes that chance hardly gives, as large as the first order describes."""
-    optimum, tests, causes = fit.optimum, tested.tests, []
+    """The causes that chance hardly gives, and what is not told apart from the likeliest of them, as large as the first order
+    describes.
+    """
+    optimum, tests, causes, others = fit.optimum, tested.tests, list[Cause](), list[Cause]()
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
     deviations = tests.deviations * optimum.noise * tested.units
     masses, limit, forces = np.zeros(len(gains), dtype=bool), least_gain(len(gains)), dict[str, float]()
@@ -495,7 +499,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
     ]
     for number, hypothesis in enumerate(tested.hypotheses):
         size, is_filter = float(sizes[number]), hypothesis.kind == FILTER
-        beyond = gains[number] > (_CHANCE_OF_FILTER if is_filter else limit) or masses[number]
+        beyond = gains[number] > (_CHANCE_OF_FILTER if is_filter else limit - DISTINCT) or masses[number]
         if not (beyond and small[number]):
             continue
         forces = forces or link_forces(optimum, tested.structure)
@@ -517,9 +521,10 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
         alike = np.flatnonzero(_are_rivals(tested, fit, number, gains) & small)
         names = tuple(tested.hypotheses[rival].name for rival in alike.tolist())
         cause = replace(_with_changes(cause, fit, tests.changes[:, number]), rivals=names)
-        if cause.gain > limit or cause.shift > _SHIFTED:
-            causes.append(cause)
-    return tuple(causes)
+        is_beyond = cause.gain > limit or ((is_filter or masses[number]) and cause.shift > _SHIFTED)
+        (causes if is_beyond else others).append(cause)
+    first = max((cause.gain for cause in causes), default=np.inf)
+    return (*causes, *(cause for cause in others if cause.term and cause.gain > first - DISTINCT))
 
 
 def _are_rivals(tested: TestedCauses, fit: LikelihoodFit, number: int, gains: Floats) -> Bools:
