@@ -12,6 +12,7 @@ from structures import oscillator
 
 import linkwise as lw
 from linkwise.estimates.causes import Cause
+from linkwise.likelihood import explained
 from linkwise.likelihood.explained import _by_event, _by_saturation, _Model, _with_errors
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.terms import Drift
@@ -159,3 +160,19 @@ def test_a_gain_is_that_of_the_base_or_of_the_sensor(off: str) -> None:
     assert {cause.where for cause in second.added if cause.kind == "gain"} == {"rel:x:m1", "a:base"}
     cubic = second.coefficient("link.k3")
     assert abs(present(cubic.value) - 2e5) < 2.0 * present(cubic.standard_error) < 4.0 * 2.0 * 0.03 * 2e5
+
+
+@pytest.mark.parametrize("seconds", [None, -1.0])
+def test_where_the_time_for_others_ends_the_answer_as_stated_stands(
+    seconds: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It says so; no search that was under way then counts."""
+    hardening = oscillator("k*d + c*v + k3*d**3", name="s", k=1000.0, c=2.0, k3=2e6)
+    record = lw.simulate(hardening, release={"x:m1": 0.02}, duration=4.0, rate=200.0).with_noise(40.0, seed=5)
+    if seconds is not None:
+        monkeypatch.setattr(explained, "_SECONDS", seconds)
+        monkeypatch.setattr(explained, "_TIMES", 0.0)
+    fit = lw.identify(record, SPRING.unknown("all"))
+    ended_early = any("Not all was tried" in remark for remark in fit.remarks)
+    assert ended_early == (seconds is not None)
+    assert (fit.alternative is None) == ended_early and not fit.trusted
