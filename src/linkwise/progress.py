@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from time import process_time
 from typing import Protocol, final
+
+from linkwise.errors import IdentificationError
 
 
 @final
@@ -77,5 +80,16 @@ def part(progress: Progress, start: float, stop: float) -> Progress:
 
     def within(report: ProgressReport, /) -> None:
         progress(replace(report, fraction=start + (stop - start) * report.fraction))
+
+    return within
+
+
+def until(end: float, progress: Progress, message: str) -> Progress:
+    """The same progress, which ends a search by an IdentificationError where the processor time is beyond an `end`."""
+
+    def within(report: ProgressReport, /) -> None:
+        if process_time() > end:
+            raise IdentificationError(message)
+        progress(report)
 
     return within

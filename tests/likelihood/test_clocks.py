@@ -14,8 +14,10 @@ from structures import link, oscillator, structure
 import linkwise as lw
 from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.delays import with_delays
+from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import AskedFor, LikelihoodOptions, errors_to_find
 from linkwise.likelihood.terms import Term
+from linkwise.likelihood.tests import diagnosis
 from linkwise.records.channel import interpolated
 
 RATE, DURATION, LATE = 250.0, 8.0, 0.5e-3
@@ -98,6 +100,26 @@ def test_a_clock_is_named_before_the_delay_that_it_looks_like() -> None:
     assert not fit.trusted and first.kind == "clock" and first.unit == "ppm"
     assert first.where in ("x:m1", "force:m1") and abs(first.size) == pytest.approx(PPM, rel=0.25)
     assert "a clock of " in first.description and " ppm " in first.description
+
+
+@pytest.mark.parametrize(("noise", "holds_the_delay"), [(1.0, True), (10.0, False)])
+def test_a_clock_counts_what_its_delay_gains_where_it_gains_more_than_by_chance(
+    noise: float, holds_the_delay: bool
+) -> None:
+    """By the noise that is left: beside laws that leave 3 times as much, chance named a clock in place of a late force."""
+    record, unknown = two_loggers(82), OSCILLATOR.unknown("all")
+    fit = likelihood_fit([record], unknown, np.array([1000.0, 2.0, 2e5]))
+    tested = diagnosis.tested_causes(fit, unknown.with_values(fit.by_name), record.channels, terms=False)
+    noisy = replace(tested, longer=replace(tested.longer, noise=noise))
+    gains = {
+        one.kind: gain
+        for one, gain in zip(tested.hypotheses, noisy.tests.gains, strict=True)
+        if one.where == "x:m1"
+    }
+    assert (
+        9.0 < gains["delay"] < 900.0 and 9.0 < gains["clock"] < 900.0
+    )  # three standard errors, of either noise
+    assert (gains["clock"] > 2.0 * gains["delay"]) == holds_the_delay
 
 
 @pytest.mark.slow

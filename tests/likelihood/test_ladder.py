@@ -14,6 +14,7 @@ from within import assert_within
 
 import linkwise as lw
 from linkwise.estimates.causes import Cause
+from linkwise.likelihood import explained
 from linkwise.likelihood.checks.judgement import _rivals
 from linkwise.likelihood.explained import (
     _by_causes,
@@ -232,3 +233,19 @@ def test_an_offset_is_not_told_from_a_term_as_likely_that_leaves_other_coefficie
     assert distinct_error((offset, replace(even, gain=11.0))) is offset
     alike = replace(offset, shift=0.1)
     assert distinct_error((alike, replace(even, term="1", shift=0.1))) is alike
+
+
+@pytest.mark.parametrize("seconds", [None, -1.0])
+def test_where_the_time_for_others_ends_the_answer_as_stated_stands(
+    seconds: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It says so; no search that was under way then counts."""
+    hardening = oscillator("k*d + c*v + k3*d**3", name="s", k=1000.0, c=2.0, k3=2e6)
+    record = lw.simulate(hardening, release={"x:m1": 0.02}, duration=4.0, rate=200.0).with_noise(40.0, seed=5)
+    if seconds is not None:
+        monkeypatch.setattr(explained, "_SECONDS", seconds)
+        monkeypatch.setattr(explained, "_TIMES", 0.0)
+    fit = lw.identify(record, SPRING.unknown("all"))
+    ended_early = any("Not all was tried" in remark for remark in fit.remarks)
+    assert ended_early == (seconds is not None)
+    assert (fit.alternative is None) == ended_early and not fit.trusted

@@ -34,7 +34,6 @@ from linkwise.estimates.causes import GAIN_DRIFT, NONLINEARITY, Cause
 from linkwise.likelihood.explained import (
     WHITE,
     answer_with_sensors,
-    as_found,
     distinct_error,
     explained,
 )
@@ -47,6 +46,7 @@ from linkwise.likelihood.random_forces import (
     refuse_beside_random_forces,
     with_noise_of_signals,
 )
+from linkwise.likelihood.remarks import as_found
 from linkwise.likelihood.starts.memory import memory_starts
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.terms import (

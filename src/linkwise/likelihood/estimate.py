@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from time import process_time
 from types import NoneType
 from typing import ClassVar, final
 
@@ -264,13 +265,15 @@ class MaximumLikelihood(AskedFor, Estimator):
             driven, options = with_harmonics(search, records, options)
             return answer_with_sensors(search, driven, options, admitted, report)
 
+        started = process_time()
         try:
             stated = answer(structure, options, records)
         except IdentificationError as refusal:
             if alone or refusal.arguments:  # of what was asked, no matter of the records
                 raise
             return beside_exchange(answer, structure, options, records, refusal)
-        return stated if alone else explained_answer(stated, answer, structure, options, records)
+        seconds = process_time() - started
+        return stated if alone else explained_answer(stated, answer, structure, options, records, seconds)
 
     def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from time import process_time
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -56,6 +57,7 @@ from linkwise.likelihood.options import (
     with_error,
 )
 from linkwise.likelihood.random_forces import ALL, noise_of_channels, random_forces
+from linkwise.likelihood.remarks import as_found
 from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.terms import (
     PPM,
@@ -73,7 +75,7 @@ from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.likelihood.widened import FREED, with_cause, with_saturation
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.structure import Structure
-from linkwise.progress import part
+from linkwise.progress import part, until
 from linkwise.records.channel import BASE
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
@@ -95,12 +97,20 @@ _TRIED = 3  # causes that are as likely
 _HIDDEN = ("delay", CLOCK, HIGH_PASS, HARMONIC, HUM)  # by noise of inputs, which follows what they leave
 _OF_STIFFNESS = 0.0, -2.0  # the powers of the length and of the time in N/m at a known mass
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
+# of processor time for all that is tried, or this many times what the answer as stated took: what explains a record took 20 s
+_SECONDS, _TIMES = 120.0, 3.0
 
 _FEW = 4  # masses, beside forces on which all terms are tested in some seconds
 _SATURATES = (0.03, 0.3)  # of the deviation of a motion: friction, and springs that yield
 
 OF_HITS = "as of hits of"
 """How the remark on a force begins whose hits have too few samples to tell their impulse."""
+
+ENDED_EARLY = (
+    "Not all was tried that may explain what is left, as that takes long: state what is known of it, or take a part of the "
+    "record."
+)
+"""What is said of an answer beside which the processor time for others came to its end."""
 
 Rung = TypeVar("Rung")
 
@@ -279,12 +289,16 @@ def explained_answer(
     structure: Structure,
     options: LikelihoodOptions,
     records: Sequence[Record],
+    seconds: float,
 ) -> Estimate:
     """The answer as `stated`, that beside errors of inputs and sensors, or the former with one of other laws beside it.
 
-    The latter two where they leave nothing but noise. `answered` gives the answer to a structure by some options from records.
+    The latter two where they leave nothing but noise. `answered` gives the answer to a structure by some options from records;
+    the one as stated took `seconds` of processor time.
     """
-    first = _Model(answered, structure, options, records, stated)
+    end = process_time() + max(_SECONDS, _TIMES * seconds)
+    limited = replace(options, progress=until(end, options.progress, ENDED_EARLY))
+    first = _Model(answered, structure, limited, records, stated)
     if first.is_explained:
         beside = _by_hits(first)
         return stated if beside is None else beside.reported
@@ -300,7 +314,7 @@ def explained_answer(
         nearly = rung is _with_errors and found is not None and found.is_nearly_explained
         if found is not None and nearly and stated.grade is Grade.REFUSED:
             return found.reported
-    return stated
+    return stated if process_time() < end else replace(stated, remarks=(*stated.remarks, ENDED_EARLY))
 
 
 def _are_as_stated(answer: Estimate, record: Record) -> bool:
@@ -800,19 +814,3 @@ def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...
         return ()
     named = {cause.where: cause for cause in reversed(diagnosis) if cause.kind == "gain"}
     return tuple(named.get(name, replace(first, where=name, size=0.0)) for name in record.responses)
-
-
-def as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
-    """What was added, with the sizes and standard errors of the answer beside it."""
-    sizes = []
-    for cause in added:
-        what = cause.kind.removeprefix(OF_FORCE), cause.where
-        errors = [error for error in answer.sensor_errors if (error.kind, error.channel) == what]
-        if errors:  # several lines of one mass
-            error = min(errors, key=lambda one: abs(one.value - cause.size))
-            size = error.value - 1.0 if cause.kind.endswith("gain") else error.value
-            cause = replace(cause, size=size, standard_error=error.standard_error)
-        if cause.kind in (HARMONIC, HUM) and cause.size in answer.may_fade:
-            cause = replace(cause, remark=MAY_FADE)
-        sizes.append(cause)
-    return tuple(sizes)

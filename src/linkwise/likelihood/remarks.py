@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from linkwise.display import enumerated
-from linkwise.estimates.causes import SensorErrorEstimate
+from linkwise.estimates.causes import HARMONIC, HUM, Cause, SensorErrorEstimate
+from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import EstimatedError
 from linkwise.likelihood.fit import LikelihoodFit, inflation_beside_others
+from linkwise.likelihood.harmonics import MAY_FADE
 from linkwise.likelihood.optima.other_optima import is_loosened
+from linkwise.likelihood.options import OF_FORCE
 from linkwise.likelihood.terms import Block, Disturbance, Hum
 from linkwise.model.coefficient import Name
 from linkwise.records.record import Record
@@ -145,3 +149,19 @@ def _of_faint_modes(faint: Sequence[Name]) -> Iterator[str]:
             f"{' and '.join(names)} {are} hardly determined by the record, whose noise hides the mode: {intervals} of the "
             "prior."
         )
+
+
+def as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
+    """What was added, with the sizes and standard errors of the answer beside it."""
+    sizes = []
+    for cause in added:
+        what = cause.kind.removeprefix(OF_FORCE), cause.where
+        errors = [error for error in answer.sensor_errors if (error.kind, error.channel) == what]
+        if errors:  # several lines of one mass
+            error = min(errors, key=lambda one: abs(one.value - cause.size))
+            size = error.value - 1.0 if cause.kind.endswith("gain") else error.value
+            cause = replace(cause, size=size, standard_error=error.standard_error)
+        if cause.kind in (HARMONIC, HUM) and cause.size in answer.may_fade:
+            cause = replace(cause, remark=MAY_FADE)
+        sizes.append(cause)
+    return tuple(sizes)

@@ -127,7 +127,7 @@ class TestedCauses:
         for place, (clock, delay) in enumerate(clocks.items()):
             assert some is not None
             own = some.within([place, place + len(clocks)]).tests(1)
-            both = own.gains[0] > _CHANCE_OF_CLOCK
+            both = own.gains[0] > _CHANCE_OF_CLOCK * self.longer.noise**2
             late = own.changes[0, 0] / tests.sizes[delay] + both
             changes = own.sizes[0] / tests.sizes[clock] * tests.changes[:, clock]
             tests.changes[:, clock] = changes + late * tests.changes[:, delay]
