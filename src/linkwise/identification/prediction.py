@@ -162,7 +162,7 @@ class WindowPredictor:
         steps = np.arange(samples * refine)[:, None, None]
         index = firsts + (steps + POINTS[None, :, None]) / refine  # (J, 5, K)
         shape = samples, len(self.sigma), len(firsts)
-        along = partial(_at, self.record, index)
+        along = partial(_input_at, self.record, index)
         return Segments(
             system=self._system,
             sensors=sensor_arrays(self.record.responses, self.structure),
@@ -324,7 +324,7 @@ def no_state(samples: int) -> SimulationError:
     )
 
 
-def _at(record: Record, index: Floats, name: str, *, derivative: bool = False) -> Floats:
+def _input_at(record: Record, index: Floats, name: str, *, derivative: bool = False) -> Floats:
     """Value or rate of an input at fractional samples (J, 5, K), the points of steps; held behind the last one."""
     values, kind = record.channel(name), record.interpolation.get(name, BAND_LIMITED)
     if kind == HELD:  # to the end of the last step in a sample, where the signal jumps
@@ -443,7 +443,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     size = np.sqrt(np.nanmean(record.select(channels).values[:settling] ** 2, axis=0))
     predictor = WindowPredictor(record, structure, *_EXACT, _RELATIVE_ERROR * np.where(size > 0.0, size, 1.0))
     state = predictor(np.zeros(1, dtype=int), settling, settling).state[:, 0]
-    run = _free(structure, record, state)
+    run = _simulated_from(structure, record, state)
     motion = replace(run, start=record.start).select(channels)
     residual = record.select(channels).values - motion.values
     channels = given.responses
@@ -474,7 +474,7 @@ def usable(record: Record, structure: Structure) -> Record:
     return record.select([*record.inputs, *responses])
 
 
-def _free(structure: Structure, record: Record, state: Floats) -> Record:
+def _simulated_from(structure: Structure, record: Record, state: Floats) -> Record:
     """The responses of a record by a structure that starts from a state (2n + S,), on a clock that starts at 0."""
     inputs: dict[Channel, Sampled] = {}
     for name in record.inputs:
@@ -534,12 +534,12 @@ def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Predic
     record = predictor.record
     size = np.nanstd(record.select(record.responses).values, axis=0)
     for samples in dict.fromkeys((min(burn + _BEGINNING, len(record)), len(record))):
-        run = _free_run(predictor, burn, samples, progress)
+        run = _predicted_in_one_run(predictor, burn, samples, progress)
         horizon = _horizon(run, burn, size)
         told = samples == len(record) or (horizon or 0) < samples - 2 * max(burn, _FEWEST)
         if horizon is not None and told:  # that it stays lost shows only before the end of a beginning
             progress(ProgressReport(0.6, "windows"))
-            return _windows(predictor, burn, horizon, size)
+            return _predicted_in_windows(predictor, burn, horizon, size)
     return run
 
 
@@ -549,7 +549,7 @@ def _horizon(run: Prediction, burn: int, size: Floats) -> int | None:
     span = max(burn, _FEWEST)
     early = np.sqrt(np.mean(run.variances[:span, 0], axis=0))
     lost = (deviation > _LOST * size) & (deviation > _GROWN * early)
-    lost = (lost & (_ahead(lost, span) > _STAYS)).any(axis=1)
+    lost = (lost & (_means_ahead(lost, span) > _STAYS)).any(axis=1)
     lost[:burn] = False
     return max(int(np.argmax(lost)) - burn, 2 * _SHORTEST) if lost.any() else None
 
@@ -571,7 +571,9 @@ def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
     return predicted, variance
 
 
-def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Progress) -> Prediction:
+def _predicted_in_one_run(
+    predictor: WindowPredictor, burn: int, samples: int, progress: Progress
+) -> Prediction:
     """One run of so many samples, and what errors of its start, coefficients and laws change of it."""
     record, structure = predictor.record[:samples], predictor.structure
     channels = record.responses
@@ -580,7 +582,7 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
     if not (np.isfinite(state).all() and np.isfinite(root).all()):
         raise no_state(burn)
     progress(ProgressReport(0.2, "free run"))
-    run = _free(predictor.valued, record, state)
+    run = _simulated_from(predictor.valued, record, state)
     truth = run.simulated
     assert truth is not None
     progress(ProgressReport(0.5, "what errors change of it"))
@@ -589,10 +591,12 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
     predicted[:burn] = np.nan
     of_record = replace(predictor, record=record)
     variances = of_record.variances_along(np.array(states), root, start.state_by_coefficients[..., 0])
-    return Prediction(predicted, variances, *_along(record, structure, truth.displacement, truth.velocity))
+    return Prediction(
+        predicted, variances, *_motion_of_links(record, structure, truth.displacement, truth.velocity)
+    )
 
 
-def _along(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
+def _motion_of_links(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
     """(N, L) elongations in m and rates in m/s of the links, from displacements and velocities (N, n) of the masses."""
     if f"x:{BASE}" not in record.channels:
         return structure.elongations(x, None), structure.elongations(v, None)
@@ -600,7 +604,7 @@ def _along(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[
     return structure.elongations(x, base), structure.elongations(v, np.gradient(base, record.step))
 
 
-def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) -> Prediction:
+def _predicted_in_windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) -> Prediction:
     """The longest windows, by factors of two, of which nearly all samples come before the state is lost."""
     record, structure = predictor.record, predictor.structure
     samples = max(min((len(record) - burn) // _LONGEST, horizon), _SHORTEST)
@@ -631,7 +635,7 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
         return np.concatenate([np.full((burn, *tail.shape[1:]), np.nan), tail])
 
     motion = joined(prediction.motion)
-    d, v = _along(record, structure, motion[:, 0], motion[:, 1])
+    d, v = _motion_of_links(record, structure, motion[:, 0], motion[:, 1])
     return Prediction(
         predicted=joined(prediction.predicted),
         variances=joined(prediction.variances),
@@ -643,7 +647,7 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
     )
 
 
-def _ahead(values: Floats | Bools, samples: int) -> Floats:
+def _means_ahead(values: Floats | Bools, samples: int) -> Floats:
     """Means (N, C) of `values` over the samples that follow each."""
     total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0, dtype=float)
     ends = np.minimum(np.arange(len(values)) + samples, len(values))

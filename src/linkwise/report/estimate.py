@@ -36,7 +36,7 @@ from linkwise.plot.links import comparison_figure, force_figure, loop, loop_figu
 from linkwise.plot.records import histories_figure
 from linkwise.registry import Registry
 from linkwise.report.figure_units import lengths_as_in_figures
-from linkwise.report.result_folder import Reported, ResultFolder, Section, write_graded
+from linkwise.report.result_folder import Reported, ResultFolder, Section, csv_table, write_graded
 from linkwise.report.result_page import Head, rendered, sectioned
 from linkwise.verdict import Basis, Grade, status_of
 
@@ -274,8 +274,7 @@ def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
     for link in estimate.links:  # columns d in m, the others in N
         d = np.linspace(*link.d_range, GRID)
         table = np.stack([d, *estimate.force_band(link.link.name, d)], axis=1)
-        how = {"fmt": "%.10g", "delimiter": ",", "header": "d,force,lower,upper", "comments": ""}
-        np.savetxt(folder / f"force_{link.link.name}.csv", table, **how)
+        csv_table(folder / f"force_{link.link.name}.csv", ("d", "force", "lower", "upper"), table.tolist())
     if result.grade is not Grade.REFUSED and estimate.intervals:
         write_covariance(Posterior.of(estimate), folder / COVARIANCE)
 
