@@ -176,7 +176,7 @@ def equilibria(
             raise StructureError(message)
         size, note = float(np.abs(starts).max()), "searched from the given start points only"
         return _from_starts(network, starts, size, note)
-    rests = _rest_points_of_bonds(network.bonds, reach)
+    rests = _bond_rests(network.bonds, reach)
     count = prod(len(rest) or 1 for rest in rests)
     many = str(count) if count < 10**6 else f"1e{len(str(count)) - 1}"
     used = f"only {limit} of {many} combinations of rest points were used, wells first"
@@ -185,7 +185,7 @@ def equilibria(
     places = np.array([[point.d if point else 0.0 for point in choice] for choice in choices])
     places = places.reshape(len(choices), -1)
     if rests and network.free == structure.size - len(rests):
-        return _products_of_rests(network, rests, choices, places, cut)
+        return _of_products(network, rests, choices, places, cut)
     weights = _rest_weights(rests)[:, None]
     starts = np.linalg.lstsq(weights * network.incidence.T, weights * places.T, rcond=None)[0].T
     searched = (
@@ -248,9 +248,7 @@ class _Network:
         return (self.incidence * self.each(_Bond.slope, x)[:, None]) @ self.incidence.T
 
 
-def _rest_points_of_bonds(
-    bonds: Sequence[_Bond], reach: tuple[float, float] | None
-) -> list[tuple[RestPoint, ...]]:
+def _bond_rests(bonds: Sequence[_Bond], reach: tuple[float, float] | None) -> list[tuple[RestPoint, ...]]:
     lo, hi = (None, None) if reach is None else reach
     known: dict[Hashable, tuple[RestPoint, ...]] = {}  # equal bonds are searched once
     for bond in bonds:
@@ -282,7 +280,7 @@ def _rest_weights(rests: Sequence[tuple[RestPoint, ...]]) -> Floats:
     return np.sqrt(np.maximum(np.array(stiffest) / largest, [1e-12 if rest else 0.0 for rest in rests]))
 
 
-def _products_of_rests(
+def _of_products(
     network: _Network,
     rests: Sequence[tuple[RestPoint, ...]],
     choices: Sequence[tuple[RestPoint | None, ...]],

@@ -116,9 +116,9 @@ def term_score(discovered: Structure, truth: Structure) -> TermScore:
     >>> lw.discovery.term_score(linear, chain).missing
     ('nes1.beta',)
     """
-    ours, theirs = _compared_terms(discovered, truth)
-    right = [term.name for term in ours if any(_matching_factor(term, true) is not None for true in theirs)]
-    missing = [true.name for true in theirs if all(_matching_factor(term, true) is None for term in ours)]
+    ours, theirs = _compared(discovered, truth)
+    right = [term.name for term in ours if any(_factor(term, true) is not None for true in theirs)]
+    missing = [true.name for true in theirs if all(_factor(term, true) is None for term in ours)]
     return TermScore(
         right=tuple(right),
         missing=tuple(missing),
@@ -157,7 +157,7 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
     >>> lw.discovery.align_truth(lw.Structure("found", chain.masses, links), chain).link("m1-ground").law.text
     'k*d + true1*(v)'
     """
-    _, theirs = _compared_terms(discovered, truth)
+    _, theirs = _compared(discovered, truth)
     done: set[frozenset[str]] = set()
     links = []
     for link in discovered.links:
@@ -171,9 +171,7 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
     return Structure(truth.name, masses, tuple(links), truth.hosts)
 
 
-def _compared_terms(
-    discovered: Structure, truth: Structure
-) -> tuple[list[_ComparedTerm], list[_ComparedTerm]]:
+def _compared(discovered: Structure, truth: Structure) -> tuple[list[_ComparedTerm], list[_ComparedTerm]]:
     """The terms of both that are not 0, written for the order of ends of the discovered links; modes have none.
 
     Raises StructureError if the two cannot be compared.
@@ -187,12 +185,7 @@ def _compared_terms(
         )
     orientation = {frozenset(link.between): link.between for link in discovered.links}
     ours, theirs = (
-        [
-            term
-            for link in _links_but_modes(structure)
-            for term in _terms_of_link(link, orientation)
-            if term.value != 0.0
-        ]
+        [term for link in _joints(structure) for term in _terms(link, orientation) if term.value != 0.0]
         for structure in (discovered, truth)
     )
     return ours, theirs
@@ -201,10 +194,10 @@ def _compared_terms(
 def _true_link(link: Link, theirs: list[_ComparedTerm]) -> Link:
     """`link` with the true coefficients, and with the true terms that it lacks."""
     values = dict.fromkeys(link.law.linear, 0.0) | {name: link.values[name] for name in link.law.nonlinear}
-    ours = list(_terms_of_link(link, {}))
+    ours = list(_terms(link, {}))
     text = link.law.text
     for term in theirs:
-        matches = [(own, factor) for own in ours if (factor := _matching_factor(own, term)) is not None]
+        matches = [(own, factor) for own in ours if (factor := _factor(own, term)) is not None]
         if matches:
             own, factor = matches[0]
             name = own.name.key
@@ -217,7 +210,7 @@ def _true_link(link: Link, theirs: list[_ComparedTerm]) -> Link:
     return Link(link.name, link.between, Law.parse(text), values)
 
 
-def _terms_of_link(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> Iterator[_ComparedTerm]:
+def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> Iterator[_ComparedTerm]:
     """The terms of a link, written for the order of its ends that `orientation` gives."""
     numbers: dict[str, Expression] = {name: Number(value) for name, value in link.values.items()}
     nonlinear = {name: numbers[name] for name in link.law.nonlinear}
@@ -231,7 +224,7 @@ def _terms_of_link(link: Link, orientation: dict[frozenset[str], tuple[str, str]
     reversed_ = orientation.get(ends, link.between) != link.between
     for name, value, basis in terms:
         function = _reversed(basis) if reversed_ else basis
-        own, samples = Name(link.name, name), _function_samples(function)
+        own, samples = Name(link.name, name), _samples(function)
         yield _ComparedTerm(own, ends, value, function, samples, name in with_parameters)
 
 
@@ -241,7 +234,7 @@ def _reversed(basis: Expression) -> Expression:
     return multiply(Number(-1.0), substitute(basis, minus))
 
 
-def _function_samples(basis: Expression) -> Floats:
+def _samples(basis: Expression) -> Floats:
     """(200,) values of a function of d and v at fixed random points."""
     rng = np.random.default_rng(0)
     sizes = 10.0 ** rng.uniform(*_DECADES, size=(2, _POINTS))
@@ -250,7 +243,7 @@ def _function_samples(basis: Expression) -> Floats:
     return np.broadcast_to(values, (_POINTS,))
 
 
-def _matching_factor(ours: _ComparedTerm, theirs: _ComparedTerm) -> float | None:
+def _factor(ours: _ComparedTerm, theirs: _ComparedTerm) -> float | None:
     """The factor by which our function has to be multiplied to give theirs; None if they are different terms."""
     square = float(ours.samples @ ours.samples)
     if ours.ends != theirs.ends or square == 0.0:
@@ -261,7 +254,7 @@ def _matching_factor(ours: _ComparedTerm, theirs: _ComparedTerm) -> float | None
     return factor if factor != 0.0 and error <= tolerance * float(np.abs(theirs.samples).max()) else None
 
 
-def _links_but_modes(structure: Structure) -> list[Link]:
+def _joints(structure: Structure) -> list[Link]:
     """The links that are no modes."""
     return [link for link in structure.links if link.name not in structure.modes]
 
@@ -269,4 +262,4 @@ def _links_but_modes(structure: Structure) -> list[Link]:
 def _links_elsewhere(structure: Structure, terms: list[_ComparedTerm]) -> tuple[str, ...]:
     """The names of the links between whose ends there is none of some terms."""
     ends = {term.ends for term in terms}
-    return tuple(link.name for link in _links_but_modes(structure) if frozenset(link.between) not in ends)
+    return tuple(link.name for link in _joints(structure) if frozenset(link.between) not in ends)

@@ -443,7 +443,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     size = np.sqrt(np.nanmean(record.select(channels).values[:settling] ** 2, axis=0))
     predictor = WindowPredictor(record, structure, *_EXACT, _RELATIVE_ERROR * np.where(size > 0.0, size, 1.0))
     state = predictor(np.zeros(1, dtype=int), settling, settling).state[:, 0]
-    run = _simulated_from(structure, record, state)
+    run = _simulated(structure, record, state)
     motion = replace(run, start=record.start).select(channels)
     residual = record.select(channels).values - motion.values
     channels = given.responses
@@ -474,7 +474,7 @@ def usable(record: Record, structure: Structure) -> Record:
     return record.select([*record.inputs, *responses])
 
 
-def _simulated_from(structure: Structure, record: Record, state: Floats) -> Record:
+def _simulated(structure: Structure, record: Record, state: Floats) -> Record:
     """The responses of a record by a structure that starts from a state (2n + S,), on a clock that starts at 0."""
     inputs: dict[Channel, Sampled] = {}
     for name in record.inputs:
@@ -534,12 +534,12 @@ def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Predic
     record = predictor.record
     size = np.nanstd(record.select(record.responses).values, axis=0)
     for samples in dict.fromkeys((min(burn + _BEGINNING, len(record)), len(record))):
-        run = _predicted_in_one_run(predictor, burn, samples, progress)
+        run = _one_run(predictor, burn, samples, progress)
         horizon = _horizon(run, burn, size)
         told = samples == len(record) or (horizon or 0) < samples - 2 * max(burn, _FEWEST)
         if horizon is not None and told:  # that it stays lost shows only before the end of a beginning
             progress(ProgressReport(0.6, "windows"))
-            return _predicted_in_windows(predictor, burn, horizon, size)
+            return _in_windows(predictor, burn, horizon, size)
     return run
 
 
@@ -571,9 +571,7 @@ def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
     return predicted, variance
 
 
-def _predicted_in_one_run(
-    predictor: WindowPredictor, burn: int, samples: int, progress: Progress
-) -> Prediction:
+def _one_run(predictor: WindowPredictor, burn: int, samples: int, progress: Progress) -> Prediction:
     """One run of so many samples, and what errors of its start, coefficients and laws change of it."""
     record, structure = predictor.record[:samples], predictor.structure
     channels = record.responses
@@ -582,7 +580,7 @@ def _predicted_in_one_run(
     if not (np.isfinite(state).all() and np.isfinite(root).all()):
         raise no_state(burn)
     progress(ProgressReport(0.2, "free run"))
-    run = _simulated_from(predictor.valued, record, state)
+    run = _simulated(predictor.valued, record, state)
     truth = run.simulated
     assert truth is not None
     progress(ProgressReport(0.5, "what errors change of it"))
@@ -592,11 +590,11 @@ def _predicted_in_one_run(
     of_record = replace(predictor, record=record)
     variances = of_record.variances_along(np.array(states), root, start.state_by_coefficients[..., 0])
     return Prediction(
-        predicted, variances, *_motion_of_links(record, structure, truth.displacement, truth.velocity)
+        predicted, variances, *_link_motion(record, structure, truth.displacement, truth.velocity)
     )
 
 
-def _motion_of_links(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
+def _link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
     """(N, L) elongations in m and rates in m/s of the links, from displacements and velocities (N, n) of the masses."""
     if f"x:{BASE}" not in record.channels:
         return structure.elongations(x, None), structure.elongations(v, None)
@@ -604,7 +602,7 @@ def _motion_of_links(record: Record, structure: Structure, x: Floats, v: Floats)
     return structure.elongations(x, base), structure.elongations(v, np.gradient(base, record.step))
 
 
-def _predicted_in_windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) -> Prediction:
+def _in_windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) -> Prediction:
     """The longest windows, by factors of two, of which nearly all samples come before the state is lost."""
     record, structure = predictor.record, predictor.structure
     samples = max(min((len(record) - burn) // _LONGEST, horizon), _SHORTEST)
@@ -635,7 +633,7 @@ def _predicted_in_windows(predictor: WindowPredictor, burn: int, horizon: int, s
         return np.concatenate([np.full((burn, *tail.shape[1:]), np.nan), tail])
 
     motion = joined(prediction.motion)
-    d, v = _motion_of_links(record, structure, motion[:, 0], motion[:, 1])
+    d, v = _link_motion(record, structure, motion[:, 0], motion[:, 1])
     return Prediction(
         predicted=joined(prediction.predicted),
         variances=joined(prediction.variances),

@@ -312,7 +312,7 @@ def crossings(
     shown = plain.sinks[place_of("sink", sink, [entry.sink.link for entry in plain.sinks])]
     law = plain.with_sinks.structure.link(shown.sink.link).law
     with axes_for(ax, legend=legend) as axes:
-        factor, unit = scale(float(np.abs(shown.elongation).max()), law.motion_units[0])
+        factor, unit = scale(shown.elongation, law.motion_units[0])
         time, elongation = envelope(plain.time, shown.elongation * factor)
         axes.plot(time, elongation, color=IDENTIFIED, lw=0.7, label="elongation")
         for top in shown.tops:
@@ -536,7 +536,7 @@ def _reading(result: Design) -> tuple[float, str]:
     """The factor by which values are read, and their unit: parts of 1 in %."""
     if result.quantity.is_part:
         return 100.0, "%"
-    return scale(float(np.nanmax(np.abs(result.objectives))), result.quantity.unit)
+    return scale(result.objectives, result.quantity.unit)
 
 
 def _judged(result: Design) -> tuple[Floats, str]:

@@ -74,7 +74,7 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
     sizes = np.abs(np.concatenate([forces.ravel() for forces in drawn]))
     largest = float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
     law, of_d = estimate.link.law, estimate.link.law.motion_units[0]
-    (to_d, unit_d), (to_f, unit_f) = scale(float(np.max(np.abs(d))), of_d), scale(largest, law.force_unit)
+    (to_d, unit_d), (to_f, unit_f) = scale(d, of_d), scale(largest, law.force_unit)
     with axes_for(ax, legend=legend) as axes:
         if np.isfinite(lower).all():
             band = axes.fill_between(d * to_d, lower * to_f, upper * to_f, color=VISITED, lw=0)

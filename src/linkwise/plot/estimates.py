@@ -100,7 +100,7 @@ def residuals(
             kind, _, link = quantity.partition(" of ")
             along = _motion(estimate, kind, link)
             of_d, of_v = estimate.structure.link(link).law.motion_units
-            factor, unit = scale(float(np.max(np.abs(along))), of_d if kind == "d" else of_v)
+            factor, unit = scale(along, of_d if kind == "d" else of_v)
             band = _over_motion(axes, left[channel], along, factor, color=IDENTIFIED, label="mean")
             _by_chance(axes, *band)
             axes.set_xlabel(f"{literal(quantity)}, {unit}")
@@ -181,7 +181,7 @@ def fit_figure(record: Record, channels: Mapping[str, tuple[Floats, Floats]]) ->
     with sheet(len(overlaid), 2, height=1.0 + 1.3 * len(overlaid)) as (figure, panels):
         for row, (name, (measured, fitted)) in enumerate(overlaid):
             over_time, over_frequency = panels[2 * row : 2 * row + 2]
-            factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), record.unit(name))
+            factor, unit = scale(measured, record.unit(name))
             for shown, style in ((measured, _MEASURED), (fitted, _FITTED)):
                 over_time.plot(*envelope(record.time, shown * factor, 1500), **style)
                 spectrogram = Spectrogram.of(shown, record.rate)

@@ -223,7 +223,7 @@ def ring_down(
     with axes_for(ax, legend=legend) as axes:
         color = SERIES[(ring.mode - 1) % len(SERIES)]
         alike = [one.amplitude.max() for one in comparison.ring_downs if one.unit == ring.unit]
-        times, unit = scale(float(max(alike)), ring.unit)
+        times, unit = scale(alike, ring.unit)
         bars: dict[str, Any] = {"fmt": ".", "elinewidth": 0.8, "label": label(ring_name(ring))}
         axes.errorbar(times * ring.amplitude, values, 2.0 * errors, color=color, **bars)
         log_scale(axes, "x")
@@ -284,8 +284,8 @@ def acceleration_surface(
     """
     surface = comparison.surfaces[number]
     velocity, force = surface.velocity, -surface.acceleration
-    to_d, unit_d = scale(float(np.abs(surface.displacement).max()), surface.unit)
-    to_v, unit_v = scale(float(np.abs(velocity).max()), f"{surface.unit}/s")
+    to_d, unit_d = scale(surface.displacement, surface.unit)
+    to_v, unit_v = scale(velocity, f"{surface.unit}/s")
     of_force = f"restoring force per mass, {surface.unit}/s^2"
     some: slice | Indices = scattered(len(force))
     if section:

@@ -127,8 +127,8 @@ def forces_figure(estimate: Estimate) -> Figure:
 def _scales(curve: ForceCurve) -> tuple[float, str, float, str]:
     """Factor and unit of the elongation, then of the force."""
     return (
-        *scale(max(abs(end) for end in curve.visited), curve.link.law.motion_units[0]),
-        *scale(max(abs(end) for end in curve.frame), curve.link.law.force_unit),
+        *scale(curve.visited, curve.link.law.motion_units[0]),
+        *scale(curve.frame, curve.link.law.force_unit),
     )
 
 
@@ -214,7 +214,7 @@ def loop(
     forces = force_loop(estimate, link)
     values, quantity = (forces.d, "elongation d") if over == "d" else (forces.v, "rate v")
     law = estimate.link(link).link.law
-    to_x, unit_x = scale(float(np.nanmax(np.abs(values))), law.motion_units[("d", "v").index(over)])
+    to_x, unit_x = scale(values, law.motion_units[("d", "v").index(over)])
     to_f, unit_f = scale(forces.largest, law.force_unit)
     with axes_for(ax, legend=legend) as axes:
         shown, found = values * to_x, forces.identified * to_f
@@ -281,8 +281,8 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     ends = [(limits, _MARGIN * np.ptp(limits)) for limits in (link_estimate.d_range, link_estimate.v_range)]
     d, v = (np.linspace(low - margin, high + margin, _SURFACE_POINTS) for (low, high), margin in ends)
     force = np.broadcast_to(link_estimate.link.force(*np.meshgrid(d, v)), (_SURFACE_POINTS, _SURFACE_POINTS))
-    to_d, unit_d = scale(float(np.abs(d).max()), law.motion_units[0])
-    to_v, unit_v = scale(float(np.abs(v).max()), law.motion_units[1])
+    to_d, unit_d = scale(d, law.motion_units[0])
+    to_v, unit_v = scale(v, law.motion_units[1])
     largest = float(np.abs(force).max())
     to_f, unit_f = scale(largest, law.force_unit)
     some = scattered(len(estimate.motion.d))
@@ -353,7 +353,7 @@ def force_comparison(
     """
     d = _elongations(d_range)
     force = true.force(d)
-    to_f, unit_f = scale(float(np.abs(force).max()), true.law.force_unit)
+    to_f, unit_f = scale(force, true.law.force_unit)
     lines = _lines(identified, styles)
     with axes_for(ax, legend=legend) as axes:
         shown = _over_elongation(axes, d, true.law.motion_units[0])
@@ -480,11 +480,11 @@ def _compare_link(panels: Sequence[Axes], comparison: Comparison, link: LinkEsti
     forces = {method: one.force(*along) for method, one in found.items()}
     best = forces["ml"]
     band = link.force_band(motion)[1:] if elastic and link.covariance is not None else (best, best)
-    to_x, unit_x = scale(float(np.abs(motion).max()), law.motion_units[0 if elastic else 1])
+    to_x, unit_x = scale(motion, law.motion_units[0 if elastic else 1])
     of, still = ("elongation d", "v = 0") if elastic else ("rate v", "d = 0")
     for axes, less, title in zip(panels, (0.0 * best, best), (name, f"{name}, less ml"), strict=True):
         shown = {method: force - less for method, force in forces.items()}
-        to_f, unit_f = scale(max(float(np.abs(force).max()) for force in shown.values()), law.force_unit)
+        to_f, unit_f = scale(list(shown.values()), law.force_unit)
         lower, upper = ((end - less) * to_f for end in band)
         axes.fill_between(motion * to_x, lower, upper, color=SERIES[0], alpha=0.25, lw=0.0)
         for number, (method, force) in enumerate(shown.items()):
@@ -504,7 +504,7 @@ def _elongations(d_range: tuple[float, float]) -> Floats:
 
 def _over_elongation(axes: Axes, d: Floats, unit: str) -> Floats:
     """(G,) elongations in the unit of the axis, which is set up for them."""
-    to_d, unit_d = scale(float(np.abs(d).max()), unit)
+    to_d, unit_d = scale(d, unit)
     axes.set(xlim=(d[0] * to_d, d[-1] * to_d), xlabel=f"elongation d, {unit_d}")
     return d * to_d
 

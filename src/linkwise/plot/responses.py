@@ -65,7 +65,7 @@ def response(
     name = result.channels[column]
     sizes = [branch.amplitude[:, column].max() for level in result.levels for branch in level.branches]
     sizes += [0.5 * (m.upper - m.lower)[column] for level in result.levels for m in level.irregular]
-    factor, unit = scale(float(max(sizes)), unit_in(result.structure, name))
+    factor, unit = scale(sizes, unit_in(result.structure, name))
     with axes_for(ax, legend=legend) as axes:
         for level, colour in zip(result.levels, _colours(len(result.levels)), strict=True):
             _draw_level(axes, level, column, factor, colour)
@@ -164,7 +164,7 @@ def backbone(
     column = place_of("channel", channel, result.channels)
     name = result.channels[column]
     values = result.amplitude[:, column]
-    factor, unit = scale(float(values.max()), unit_in(result.structure, name))
+    factor, unit = scale(values, unit_in(result.structure, name))
     outside = np.array([bool(link) for link in result.outside] or np.zeros(len(values), dtype=bool))
     with axes_for(ax, legend=legend) as axes:
         _draw_measured(axes, result.measured, column, factor)
@@ -231,7 +231,7 @@ def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Ax
     """
     grids, names = [], []
     for name, values in zip(result.plane, result.values, strict=True):
-        factor, unit = scale(float(np.abs(values).max()), unit_in(result.structure, name))
+        factor, unit = scale(values, unit_in(result.structure, name))
         grids.append(factor * values)
         names.append(f"{label(name)}, {unit}")
     shades = [to_rgb(colour) for colour in _colours(len(result.rests))]

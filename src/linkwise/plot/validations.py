@@ -64,7 +64,7 @@ def prediction(validation: Validation, channel: str, *, legend: bool = True, ax:
     """
     record = validation.record
     measured, predicted = record.channel(channel), validation.predicted.channel(channel)
-    factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), validation.channels[channel].unit)
+    factor, unit = scale(measured, validation.channels[channel].unit)
     with axes_for(ax, legend=legend) as axes:
         axes.plot(*envelope(record.time, measured * factor), color=MEASURED, lw=1.6, label="measured")
         axes.plot(*envelope(record.time, predicted * factor), color=IDENTIFIED, lw=0.7, label="predicted")
@@ -181,7 +181,7 @@ def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None
     known = {profile.quantity: profile for profile in validation.profiles}
     require_known("quantity", quantity, known, RecordError)
     profile = known[quantity]
-    factor, unit = scale(float(np.abs(profile.edges).max()), profile.unit)
+    factor, unit = scale(profile.edges, profile.unit)
     with axes_for(ax) as axes:
         axes.stairs(profile.error_percent, profile.edges * factor, color=IDENTIFIED, lw=1.4, baseline=None)
         axes.set(xlabel=f"{literal(quantity)}, {unit}", ylabel="error, % of the motion")
@@ -227,8 +227,7 @@ def prediction_spectrum(
     require_known("spectrum of", channel, validation.spectra, RecordError)
     spectrum, score = validation.spectra[channel], validation.channels[channel]
     noise = 2.0 * score.noise**2 / validation.record.rate
-    largest = float(np.nanmax(np.abs(validation.record.channel(channel)), initial=0.0))
-    factor, unit = scale(largest, score.unit)
+    factor, unit = scale(validation.record.channel(channel), score.unit)
     power = f"{unit}²" if unit.isalpha() else f"({unit})²"
     with axes_for(ax, legend=legend) as axes:
         axes.plot(spectrum.frequency, factor**2 * spectrum.measured, color=MEASURED, lw=1.4, label="measured")

@@ -181,7 +181,7 @@ def _first_force(estimate: Estimate, pictures: Mapping[str, Markup]) -> str:
 
 def _length(link: LinkEstimate) -> tuple[float, str]:
     """What multiplies meters in the figure of a link, and the unit it gives; an angle has no prefix."""
-    return (1.0, "m") if link.link.law.angular else style.scale(max(map(abs, link.d_range)), "m")
+    return (1.0, "m") if link.link.law.angular else style.scale(link.d_range, "m")
 
 
 def _as_in_figures(ends: tuple[float, float], unit: str) -> str:
@@ -206,7 +206,7 @@ def _within(quantity: CoefficientEstimate | DerivedQuantity, length: tuple[float
     What would begin with zeros so, and not in SI units, is in these: stiffness is in N/mm as a rule, and damping in N s/m.
     """
     if quantity.unit == "J":
-        times, unit = style.scale(abs(quantity.value), "J")
+        times, unit = style.scale(quantity.value, "J")
     else:
         times, unit = length[0] ** _metres(quantity.unit), re.sub(r"\bm\b", length[1], quantity.unit)
         if abs(quantity.value * times) < _SMALL < abs(quantity.value) < 1.0 / _SMALL:

@@ -100,11 +100,9 @@ def steady_points(record: Record, drive: Drive, channels: Sequence[Channel]) -> 
         if len(at) < _PER_CYCLE * _CYCLES or np.ptp(np.diff(block)) > 0.2 * np.mean(np.diff(block)):
             continue
         order = 0 if drive.kind == FORCE else drive.order - driven.order
-        size = _half_peak_to_peak(signal[at], cycles, omega, order)
+        size = _swing(signal[at], cycles, omega, order)
         own = [
-            _half_peak_to_peak(record.channel(name)[at], cycles, omega, channel.order - name.order)
-            if name
-            else np.nan
+            _swing(record.channel(name)[at], cycles, omega, channel.order - name.order) if name else np.nan
             for name, channel in zip(shown, channels, strict=True)
         ]
         if np.isfinite(size) and np.isfinite(own).any():
@@ -154,7 +152,7 @@ def _starts_of_cycles(signal: Floats) -> Floats:
     return np.asarray(ups + signal[ups] / (signal[ups] - signal[ups + 1]))
 
 
-def _half_peak_to_peak(values: Floats, cycles: Floats, omega: float, order: int) -> float:
+def _swing(values: Floats, cycles: Floats, omega: float, order: int) -> float:
     """Half of peak to peak of the periodic part, differentiated `order` times; NaN where it is not most of the motion."""
     k = np.arange(1, _HARMONICS + 1)
     phases = 2.0 * np.pi * np.outer(cycles, k)

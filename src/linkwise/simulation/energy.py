@@ -120,7 +120,7 @@ def energy_balance(
     def receive(first: int, x: Floats, v: Floats, states: Floats) -> None:
         part = slice(first, first + len(x))
         time = times[part]
-        power = _dissipated_and_supplied(forces, time, x, v, states) * weights[part, None]
+        power = _link_powers(forces, time, x, v, states) * weights[part, None]
         sample = samples[part]
         starts = np.flatnonzero(np.diff(sample, prepend=-1))
         gained[sample[starts]] += np.add.reduceat(power, starts, axis=0)
@@ -162,9 +162,7 @@ def _quadrature(schedule: RunSchedule, steps: list[float]) -> tuple[Floats, Floa
     return times, weights, sample.clip(max=len(schedule.times) - 1)
 
 
-def _dissipated_and_supplied(
-    forces: LinkForces, time: Floats, x: Floats, v: Floats, states: Floats
-) -> Floats:
+def _link_powers(forces: LinkForces, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
     """Power (M, L + 1) in W: what every link dissipates, then what forces and base supply."""
     supplied = np.einsum("ti,ti->t", forces.applied(time), v)
     if (base := forces.excitation.base) is not None:
