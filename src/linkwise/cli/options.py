@@ -200,7 +200,7 @@ def _pairs(about: Mapping[str, Any]) -> Callable[..., dict[str, Any] | None]:
         for text in texts:
             if "=" in text or "[=" not in about["typed"]:
                 name, value = split(text, option.opts[0], about["example"])
-                values: dict[str, Any] = {name: _value(text, name, value, about, option.opts[0])}
+                values: dict[str, Any] = {name: _stated_value(text, name, value, about, option.opts[0])}
             else:
                 values = dict.fromkeys(part.strip() for part in text.split(","))
             for name, one in values.items():
@@ -212,7 +212,7 @@ def _pairs(about: Mapping[str, Any]) -> Callable[..., dict[str, Any] | None]:
     return read
 
 
-def _value(text: str, name: str, value: str, about: Mapping[str, Any], flag: str) -> float | str:
+def _stated_value(text: str, name: str, value: str, about: Mapping[str, Any], flag: str) -> float | str:
     """A plain number, or one with a unit of its own; without a unit in the metadata any other text as it is."""
     unit = about.get("unit")
     if unit == "%":

@@ -72,7 +72,7 @@ def _ends(interval: tuple[float, float] | None) -> list[float] | None:
     return None if interval is None else list(interval)
 
 
-def _derived(quantity: DerivedQuantity) -> dict[str, Any]:
+def _derived_document(quantity: DerivedQuantity) -> dict[str, Any]:
     return {"value": quantity.value, "unit": quantity.unit, "interval": _ends(quantity.interval)}
 
 
@@ -93,9 +93,9 @@ def link_document(link: LinkEstimate) -> dict[str, Any]:
         document["states"] = {rate.name: {"rate": rate.text, "unit": units[rate.name]} for rate in rates}
     if link.wells:
         document["wells"] = [{"d": well.value, "interval": _ends(well.interval)} for well in link.wells]
-        document["in_well_frequencies"] = [_derived(frequency) for frequency in link.frequencies]
+        document["in_well_frequencies"] = [_derived_document(frequency) for frequency in link.frequencies]
     if link.barrier is not None:
-        document["barrier"] = _derived(link.barrier)
+        document["barrier"] = _derived_document(link.barrier)
     return document
 
 
@@ -536,7 +536,7 @@ class Estimate(JudgedView):
         return table.astype(dict.fromkeys(columns[:4], float))
 
     def __str__(self) -> str:
-        blocks = [_verdict(self), _noise(self)]
+        blocks = [_verdict_text(self), _noise_text(self)]
         unknown = [mass for mass in self.masses if not mass.known]
         of_modes = [c for mode in self.modes if mode.free for c in mode.coefficients]
         for title, shown in (("masses", unknown), ("modes", of_modes)):
@@ -544,15 +544,15 @@ class Estimate(JudgedView):
             if rows:
                 blocks.append("\n".join([title, *align_columns([COEFFICIENT_HEAD, *rows])]))
         if self.shapes:
-            blocks.append(_shapes(self))
+            blocks.append(_shapes_text(self))
         links = [link for link in self.links if link.free]
         blocks += [str(link) for link in links[:_MANY]]
         if len(links) > _MANY:
             blocks.append(f"... and {len(links) - _MANY} more links; the result folder lists all of them")
         if self.profile_intervals:
-            blocks.append(_profiles(self))
+            blocks.append(_profiles_text(self))
         if len(self.diagnosis) > 1:
-            blocks.append(_diagnosis(self))
+            blocks.append(_diagnosis_text(self))
         title, asked, rows = self.second_answer
         if rows:
             blocks.append("\n".join([title, *(f"  {line}" for line in asked), *align_columns(rows)]))
@@ -683,7 +683,7 @@ _CAUSES = 4  # of what is left, that are shown
 _DIFFERS = 0.1
 
 
-def _verdict(estimate: Estimate) -> str:
+def _verdict_text(estimate: Estimate) -> str:
     value = estimate.chi_square_per_sample
     chi = "" if value is None else f", chi-square {format_chi_square(value)}"
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {estimate.grade.trust}"
@@ -691,7 +691,7 @@ def _verdict(estimate: Estimate) -> str:
     return f"{head}\n{paragraph(summary)}"
 
 
-def _shapes(estimate: Estimate) -> str:
+def _shapes_text(estimate: Estimate) -> str:
     """The shapes that moved farthest from what was known of them, in its standard deviations."""
     known = {p.name: (p.start or 0.0, p.sigma) for p in estimate.parameters}
 
@@ -710,12 +710,12 @@ def _shapes(estimate: Estimate) -> str:
     return "\n".join(lines)
 
 
-def _diagnosis(estimate: Estimate) -> str:
+def _diagnosis_text(estimate: Estimate) -> str:
     rows = [(cause.description, f"{cause.gain:.3g}") for cause in estimate.diagnosis[:_CAUSES]]
     return "\n".join(align_columns([("what is left would be explained by", "gain"), *rows]))
 
 
-def _profiles(estimate: Estimate) -> str:
+def _profiles_text(estimate: Estimate) -> str:
     """Profile intervals, with a mark on those that differ from the intervals of the standard errors."""
     rows = []
     for name, ends in estimate.profile_intervals.items():
@@ -729,7 +729,7 @@ def _profiles(estimate: Estimate) -> str:
     return "\n".join(["95 % intervals that follow the likelihood (profiles)", *align_columns(rows)])
 
 
-def _noise(estimate: Estimate) -> str:
+def _noise_text(estimate: Estimate) -> str:
     channels = list(estimate.noise.items())
     rows = [("noise", "deviation", "signal/noise")]
     for name, noise in channels[:_MANY]:

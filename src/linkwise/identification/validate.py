@@ -282,7 +282,7 @@ def validate(
     record, exchanged = without_exchanges(in_units_of(record, structure), given.exchanged)
     record = with_force_windows(record)
     scored = _channels_of_rig(record, structure) if structure.on_rig else usable(record, structure)
-    unscored = _unscored(record, scored)
+    unscored = _unscored_remark(record, scored)
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
     remarks = (*remarks, *exchanged, *unscored, *taken_out, *unknown_sensors(scored))
     predicted = _predicted_on_rig if structure.on_rig else _predicted_motion
@@ -344,7 +344,7 @@ def _predicted_motion(
     return samples, prediction, (ahead + frame.shown, variance), named
 
 
-def _unscored(record: Record, scored: Record) -> tuple[str, ...]:
+def _unscored_remark(record: Record, scored: Record) -> tuple[str, ...]:
     """A sentence on responses that no prediction is compared with."""
     unscored = [name for name in record.responses if name not in scored.channels]
     predicted = "a validation predicts what the structure's masses and links show"

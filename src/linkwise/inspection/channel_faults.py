@@ -150,8 +150,8 @@ def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
         if rest is None or rest.stop - rest.start < _LONG * len(signal.values):
             continue
         piece = signal.filled[rest]
-        slope, error = _slope(piece)
-        halves = [_slope(half) for half in np.array_split(piece, 2)]
+        slope, error = _slope_at_rest(piece)
+        halves = [_slope_at_rest(half) for half in np.array_split(piece, 2)]
         apart = abs(halves[0][0] - halves[1][0])
         allowed = _SLOPES_AGREE * np.hypot(halves[0][1], halves[1][1])
         over = slope * len(signal.values)
@@ -177,7 +177,7 @@ def _block_means(values: Floats) -> Floats:
     return np.array([block.mean() for block in np.array_split(values, _BLOCKS)])
 
 
-def _slope(values: Floats) -> tuple[float, float]:
+def _slope_at_rest(values: Floats) -> tuple[float, float]:
     """Slope per sample and its standard error, from block means about the line."""
     middles, means = _block_means(np.arange(len(values), dtype=float)), _block_means(values)
     centred = middles - middles.mean()

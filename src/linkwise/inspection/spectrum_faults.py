@@ -165,7 +165,7 @@ def coloured(signals: RecordSignals) -> Iterator[Alert]:
         index, still = np.arange(rest.stop - rest.start), signal.filled[rest]
         values = still - np.polynomial.Polynomial.fit(index, still, 2)(index)
         sigma = float(values.std())
-        tilt, error = _tilt(values)
+        tilt, error = _spectral_tilt(values)
         if sigma < max(_QUIET * signal.rms, 2.0 * signal.step) or abs(tilt) < max(_TILTED, _CERTAIN * error):
             continue
         correlations = [float(part[1:] @ part[:-1]) / len(part) for part in np.array_split(values, 3)]
@@ -180,7 +180,7 @@ def coloured(signals: RecordSignals) -> Iterator[Alert]:
         yield Alert("coloured", signal.channel, message, sigma / signal.rms)
 
 
-def _tilt(values: Floats) -> tuple[float, float]:
+def _spectral_tilt(values: Floats) -> tuple[float, float]:
     """Logarithm of the ratio of the power in two bands above the motion, and its standard error for noise.
 
     Medians leave the lines of a motion out.

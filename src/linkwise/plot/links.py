@@ -354,7 +354,7 @@ def force_comparison(
     d = _elongations(d_range)
     force = true.force(d)
     to_f, unit_f = scale(force, true.law.force_unit)
-    lines = _lines(identified, styles)
+    lines = _line_styles(identified, styles)
     with axes_for(ax, legend=legend) as axes:
         shown = _over_elongation(axes, d, true.law.motion_units[0])
         axes.plot(shown, force * to_f, color=TRUE, lw=3.0, alpha=0.35, label="theory")
@@ -415,7 +415,7 @@ def force_errors(
     force = true.force(d)
     largest = max(float(np.abs(force).max()), np.finfo(float).tiny)
     errors = {name: 100.0 * np.abs(link.force(d) - force) / largest for name, link in identified.items()}
-    lines = _lines(identified, styles)
+    lines = _line_styles(identified, styles)
     with axes_for(ax, legend=legend) as axes:
         shown = _over_elongation(axes, d, true.law.motion_units[0])
         for name, error in errors.items():
@@ -438,7 +438,7 @@ def force_comparison_figure(
     title: str = "",
 ) -> Figure:
     """The true force of a link with those identified in one panel, and their errors in another."""
-    styles = _lines(identified, styles)
+    styles = _line_styles(identified, styles)
     drawn = {name: link for name, link in identified.items() if name not in only_errors}
     with sheet(1, 2, height=3.7) as (figure, (left, right)):
         force_comparison(true, drawn, d_range, styles=styles, legend=False, ax=left)
@@ -509,7 +509,7 @@ def _over_elongation(axes: Axes, d: Floats, unit: str) -> Floats:
     return d * to_d
 
 
-def _lines(identified: Mapping[str, Link], styles: LineStyles | None) -> LineStyles:
+def _line_styles(identified: Mapping[str, Link], styles: LineStyles | None) -> LineStyles:
     """The properties of each line; colours go with the place among all that are identified."""
     given = styles or {}
     colors = dict(zip(identified, cycle(SERIES), strict=False))

@@ -71,7 +71,7 @@ def response(
             _draw_level(axes, level, column, factor, colour)
             axes.plot([], [], color=colour, label=f"{level.size:g} {result.drive.unit}")
         _draw_measured(axes, result.measured, column, factor)
-        _explain(axes, result)
+        _explain_marks(axes, result)
         axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
         axes.set_ylim(bottom=0.0)
     return axes
@@ -90,7 +90,7 @@ def _colours(count: int) -> list[str]:
 def _draw_level(axes: Axes, level: ResponseLevel, column: int, factor: float, colour: str) -> None:
     for branch in level.branches:
         values = factor * branch.amplitude[:, column]
-        for part, stable, outside in _parts(branch):
+        for part, stable, outside in _stretches_of(branch):
             line = "--" if outside else "-" if stable else ":"
             axes.plot(branch.hz[part], values[part], line, color=colour, lw=1.6 if stable else 0.8)
             if branch.lower is not None and branch.upper is not None:
@@ -104,7 +104,7 @@ def _draw_level(axes: Axes, level: ResponseLevel, column: int, factor: float, co
         axes.plot([motion.hz], [half], "x", color=colour, ms=4.5, mew=0.9)
 
 
-def _parts(branch: Branch) -> Iterator[tuple[slice, bool, bool]]:
+def _stretches_of(branch: Branch) -> Iterator[tuple[slice, bool, bool]]:
     """Stretches of a branch, one point in common, and whether they are stable and outside the range of the record."""
     outside = np.array([bool(link) for link in branch.outside] or np.zeros(len(branch.hz), dtype=bool))
     kinds: Floats = branch.stable + 2.0 * outside
@@ -113,7 +113,7 @@ def _parts(branch: Branch) -> Iterator[tuple[slice, bool, bool]]:
         yield slice(first, min(last + 1, len(kinds))), bool(branch.stable[first]), bool(outside[first])
 
 
-def _explain(axes: Axes, result: Response) -> None:
+def _explain_marks(axes: Axes, result: Response) -> None:
     """Entries of the legend for kinds of lines and marks that are there."""
     branches = [branch for level in result.levels for branch in level.branches]
     if any(not branch.stable.all() for branch in branches):
@@ -181,7 +181,7 @@ def backbone(
     return axes
 
 
-def _damping(result: Backbone, ax: Axes) -> Axes:
+def _draw_damping(result: Backbone, ax: Axes) -> Axes:
     """Draw the damping ratio of a nonlinear mode over its frequency."""
     lowest = 100.0 * float(np.min(result.damping))
     if result.lower_damping is not None and result.upper_damping is not None:
@@ -202,7 +202,7 @@ def backbone_figure(result: Backbone) -> Figure:
     title += not_shown(result.channels, _MOST, "channels")
 
     draws = [partial(backbone, result, channel, legend=False) for channel in result.channels[:_MOST]]
-    return strips([*draws, partial(_damping, result)], (1.5, 1.7), title=title)
+    return strips([*draws, partial(_draw_damping, result)], (1.5, 1.7), title=title)
 
 
 def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Axes:

@@ -68,7 +68,7 @@ def prediction(validation: Validation, channel: str, *, legend: bool = True, ax:
     with axes_for(ax, legend=legend) as axes:
         axes.plot(*envelope(record.time, measured * factor), color=MEASURED, lw=1.6, label="measured")
         axes.plot(*envelope(record.time, predicted * factor), color=IDENTIFIED, lw=0.7, label="predicted")
-        _frame(axes, validation, f"{literal(channel)}\n{unit}")
+        _frame_over_time(axes, validation, f"{literal(channel)}\n{unit}")
     return axes
 
 
@@ -116,7 +116,7 @@ def prediction_error(
         for side in (-upper, upper):
             axes.plot(time, side, color=WELL, lw=0.8, zorder=4, label="expected, 2 deviations")
         axes.plot(*envelope(record.time, error * factor), color=IDENTIFIED, lw=0.5, zorder=3, label="error")
-        _frame(axes, validation, f"{literal(channel)}\n{unit}")
+        _frame_over_time(axes, validation, f"{literal(channel)}\n{unit}")
         span = 1.15 * max(largest * factor, float(np.nanmedian(upper)))
         axes.set_ylim(-span, span)
     return axes
@@ -139,7 +139,7 @@ def _channel_strips(validation: Validation, draw: Callable[..., Axes], title: st
     return strips(draws, (1.3, 1.15), title=title)
 
 
-def _frame(axes: Axes, validation: Validation, name: str) -> None:
+def _frame_over_time(axes: Axes, validation: Validation, name: str) -> None:
     time = validation.record.time
     axes.axvspan(time[0], time[0] + validation.burn, color=VISITED, zorder=0, label="not scored")
     over_time(axes, time, name)

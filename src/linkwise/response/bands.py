@@ -64,8 +64,8 @@ def _with_band(
     points = [curve.points[number][0] for number in at.tolist()]
     ways = [(b.unknowns - a.unknowns) / a.sizes for (a, _), (b, _) in pairwise(curve.points)]
     along = np.append(0.0, np.cumsum(np.linalg.norm(ways, axis=1)))
-    motions = np.array([_shown(curve.equations, point.unknowns, rows) for point, _ in curve.points])
-    of_draws = (_drawn(curve.equations.of(one), points, rows) - motions[at] for one in drawn)
+    motions = np.array([_shown_motion(curve.equations, point.unknowns, rows) for point, _ in curve.points])
+    of_draws = (_motions_of_draw(curve.equations.of(one), points, rows) - motions[at] for one in drawn)
     ratios = [half_height(motions + _everywhere(off, at, along)) / branch.amplitude for off in of_draws]
     lower, upper = map(np.exp, spread(np.log(ratios)))
     lower[~branch.stable] = upper[~branch.stable] = np.nan
@@ -105,7 +105,7 @@ def _everywhere(off: Floats, at: Indices, along: Floats) -> Floats:
     return np.where(near[:, None, None], between(along), np.nan)
 
 
-def _drawn(equations: PeriodicEquations, points: Sequence[Point], rows: Floats) -> Floats:
+def _motions_of_draw(equations: PeriodicEquations, points: Sequence[Point], rows: Floats) -> Floats:
     """(P, S, C) the motions of one draw at points of a curve, NaN where it has none near."""
     values = np.full((len(points), _SAMPLES * equations.turns, len(rows)), np.nan)
     moved = np.zeros(len(points[0].unknowns) - 1)
@@ -114,12 +114,12 @@ def _drawn(equations: PeriodicEquations, points: Sequence[Point], rows: Floats) 
         unknowns[:-1] += moved
         solved = _on_same_side(equations, point, unknowns)
         if solved is not None:
-            values[number] = _shown(equations, solved, rows)
+            values[number] = _shown_motion(equations, solved, rows)
         moved = 0.0 * moved if solved is None else solved[:-1] - point.unknowns[:-1]
     return values
 
 
-def _shown(equations: PeriodicEquations, unknowns: Floats, rows: Floats) -> Floats:
+def _shown_motion(equations: PeriodicEquations, unknowns: Floats, rows: Floats) -> Floats:
     """(S, C) a motion over its period in channels that are `rows` (C, N) of states."""
     return equations.motion(unknowns, _SAMPLES)[:-1] @ rows.T
 

@@ -115,14 +115,14 @@ def follow(
     while len(points) < most and length > _SHORTEST * longest:
         guess = point.unknowns + length * point.tangent * point.sizes
         found = solve(equations, guess, point.tangent)
-        if found is None or not _near(point, found, length, corner=length < _CORNER * longest):
+        if found is None or not _is_near_enough(point, found, length, corner=length < _CORNER * longest):
             length *= 0.5
             continue
         if not bounds[0] <= found.parameter <= bounds[1]:
             if end := _at_bound(equations, point, found, bounds):
                 points.append(end)
             break
-        if travelled > 3.0 * length and _closes(start, point, found):
+        if travelled > 3.0 * length and _closes_curve(start, point, found):
             return [*points, start], True
         points.append(found)
         travelled += length
@@ -134,7 +134,7 @@ def follow(
     return points, False
 
 
-def _near(point: Point, found: Point, length: float, *, corner: bool) -> bool:
+def _is_near_enough(point: Point, found: Point, length: float, *, corner: bool) -> bool:
     """Whether a step was short enough for the bend of the curve; one about a `corner`, as kinks make, may bend more."""
     apart = np.linalg.norm((found.unknowns - point.unknowns) / point.sizes)
     scaled = found.tangent * found.sizes / point.sizes
@@ -156,7 +156,7 @@ def _at_bound(
     return None if found is None else turned(found, inside.tangent)
 
 
-def _closes(start: Point, point: Point, found: Point) -> bool:
+def _closes_curve(start: Point, point: Point, found: Point) -> bool:
     """Whether the start lies on the step from `point` to `found`."""
     chord = (found.unknowns - point.unknowns) / start.sizes
     way = (start.unknowns - point.unknowns) / start.sizes
@@ -184,14 +184,14 @@ def locate(equations: Equations, first: Point, last: Point, test: Callable[[Poin
         return test(ends[part])
 
     try:
-        return ends[_zero(at)]
+        return ends[_sign_change(at)]
     except ArithmeticError:
         # beside a branch point, at which the equations are singular: the nearest that was found
         part = min(ends, key=lambda part: abs(test(ends[part])))
         return ends[part] if 0.0 < part < 1.0 else None
 
 
-def _zero(function: Callable[[float], float]) -> float:
+def _sign_change(function: Callable[[float], float]) -> float:
     """Where a function that changes its sign from 0 to 1 vanishes (Illinois method)."""
     low, high, at_low, at_high = 0.0, 1.0, function(0.0), function(1.0)
     moved = ""
