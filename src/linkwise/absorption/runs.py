@@ -174,13 +174,13 @@ def _roots_of_cubics(
     edges: Floats, d: Floats, rate: Floats, tops: Sequence[Floats]
 ) -> tuple[Indices, Floats, Floats]:
     """Link, top in m and time in s of every root of the cubics through `d` and `rate` at the `edges`."""
-    found = []
+    rows = []
     for link, some in enumerate(tops):
         cubics = scipy.interpolate.CubicHermiteSpline(edges, d[:, link], rate[:, link])
         for top in some.tolist():
             times = cubics.solve(top, extrapolate=False)
-            found += [(link, top, time) for time in times[np.isfinite(times)].tolist()]
-    links, levels, roots = np.array(found).reshape(-1, 3).T
+            rows += [(link, top, time) for time in times[np.isfinite(times)].tolist()]
+    links, levels, roots = np.array(rows).reshape(-1, 3).T
     return links.astype(np.intp), levels, roots
 
 

@@ -322,13 +322,13 @@ def ranges(
     texts: Iterable[str], option: str, example: str, form: str = "FROM:TO"
 ) -> dict[str, tuple[float, float]]:
     """Repeated `NAME=FROM:TO`, or with the ends called otherwise in `form`; anything else is wrong usage."""
-    found = {}
+    limits = {}
     for name, text in pairs(texts, option, example).items():
         if text.count(":") != 1:
             raise UsageError(f"{option}: {text!r} is not {form}, as in {option} {example}.")
         low, high = (number(end, option, example) for end in text.split(":"))
-        found[name] = (low, high)
-    return found
+        limits[name] = (low, high)
+    return limits
 
 
 def file_and_column(text: str) -> tuple[Path | None, str]:

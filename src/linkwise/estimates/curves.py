@@ -197,8 +197,8 @@ class ForceLoop:
         low, high = float(np.nanmin(self.d)), float(np.nanmax(self.d))
         middle, band = 0.5 * (low + high), 0.05 * (high - low)
         side = np.where(self.d < middle - band, -1, np.where(self.d >= middle, 1, 0))
-        told = np.flatnonzero(side)
-        rises: list[int] = told[1:][np.diff(side[told]) > 0].tolist()
+        outside = np.flatnonzero(side)
+        rises: list[int] = outside[1:][np.diff(side[outside]) > 0].tolist()
         return rises
 
 

@@ -64,8 +64,8 @@ else:  # not a requirement
 def coefficient_document(coefficient: CoefficientEstimate) -> dict[str, Any]:
     """A coefficient as plain data: value, unit and, of unknown ones, standard error and interval."""
     document = {"value": coefficient.value, "unit": coefficient.unit, "known": coefficient.known}
-    found = {"standard_error": coefficient.standard_error, "interval": _ends(coefficient.interval)}
-    return document if coefficient.known else document | found
+    uncertainty = {"standard_error": coefficient.standard_error, "interval": _ends(coefficient.interval)}
+    return document if coefficient.known else document | uncertainty
 
 
 def _ends(interval: tuple[float, float] | None) -> list[float] | None:
@@ -489,12 +489,12 @@ class Estimate(JudgedView):
         for cause in (cause for cause in other.added if cause.is_instrument):
             asked.append(f"{cause.where}, {cause.known_to}" if cause.known_within else cause.asked)
         unknown = ((name, c) for name, c in other._coefficients.items() if not c.known)
-        told = [cause.label.partition("; try ")[0] for cause in other.added if not cause.known_within]
+        labels = [cause.label.partition("; try ")[0] for cause in other.added if not cause.known_within]
         several = (cause for cause in other.added if cause.known_within and cause.size)
         open_ = [replace(cause, known_within=0.0).label for cause in several]
-        told += [" or ".join(open_)] if open_ else []
+        labels += [" or ".join(open_)] if open_ else []
         return (
-            f"With {' and '.join(told)} only noise is left: a second answer, to",
+            f"With {' and '.join(labels)} only noise is left: a second answer, to",
             asked,
             [COEFFICIENT_HEAD, *(coefficient_row(c, name) for name, c in unknown)],
         )
@@ -573,8 +573,8 @@ class Estimate(JudgedView):
         number = self._parameter_index.get((index, name.key))
         if number is None:
             return CoefficientEstimate(name, value, unit, known=True)
-        told = self.grade is not Grade.REFUSED and self.free[number]
-        if not told or name.owner in self.links_in_doubt:
+        is_given = self.grade is not Grade.REFUSED and self.free[number]
+        if not is_given or name.owner in self.links_in_doubt:
             return CoefficientEstimate(name, value, unit, known=False)
         error = float(np.sqrt(max(self.covariance[number, number], 0.0)))
         half = NORMAL_95 * error

@@ -232,18 +232,18 @@ def _guessed_place(
 ) -> tuple[str, tuple[str, ...]]:
     """The mass, or the base, of a column of this kind, and whether that is in doubt."""
     names, header = _guessed_names(guesses), guesses[number].header
-    said = _named_in(header, masses)
-    if len(said) == 1:
-        return said[0], ()
+    named = _named_in(header, masses)
+    if len(named) == 1:
+        return named[0], ()
     bases = _BASES & set(_words(header))
-    if bases and not said and kind != "force":
+    if bases and not named and kind != "force":
         return BASE, () if BASE in bases else (NO_MASS,)
     alike = [n for n, (other, _) in kinds.items() if other == kind and n != number]
     unsaid = [n for n in alike if len(_named_in(guesses[n].header, masses)) != 1]
     taken = {mass for n in alike for mass in _named_in(guesses[n].header, masses)}
     sure = [guess.name for guess in guesses.values() if NO_MASS not in guess.doubts]
     free = [mass for mass in masses if Channel(kind, mass) not in sure and mass not in taken]
-    if len(free) == 1 and not said and not unsaid and (kind != "force" or len(masses) == 1):
+    if len(free) == 1 and not named and not unsaid and (kind != "force" or len(masses) == 1):
         return free[0], ()
     if kind == "force":
         return _driven_mass(names, masses), (NO_MASS,)

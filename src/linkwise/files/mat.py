@@ -161,8 +161,8 @@ def named_signals(table: Table, variables: Mapping[str, Any]) -> Table:
     `variables` are those of the file. Signals that are not over time, such as spectra, stay as they are.
     """
     columns = [column for column in table.columns if column.values is not None or _VALUES in column.header]
-    found = [_signal(column.header, variables) for column in columns]
-    signals = {number: signal for number, signal in enumerate(found) if signal is not None}
+    of_columns = [_signal(column.header, variables) for column in columns]
+    signals = {number: signal for number, signal in enumerate(of_columns) if signal is not None}
     if not signals:
         return table
     for number, signal in signals.items():

@@ -108,10 +108,10 @@ class Comparison(JudgedView):
     def rows(self) -> list[tuple[str, ...]]:
         """The table: a column a method, a row a coefficient, grade, chi-square, channel and time."""
         answers = self.answers
-        found = [{c.name: c for c in _unknown_coefficients(answer)} for answer in answers]
-        units = {name: c.unit for coefficients in found for name, c in coefficients.items()}
+        by_name = [{c.name: c for c in _unknown_coefficients(answer)} for answer in answers]
+        units = {name: c.unit for coefficients in by_name for name, c in coefficients.items()}
         table: list[tuple[str, ...]] = [("", *(answer.name for answer in answers), "unit")]
-        table += [(name, *(_cell(of.get(name)) for of in found), unit) for name, unit in units.items()]
+        table += [(name, *(_cell(of.get(name)) for of in by_name), unit) for name, unit in units.items()]
         shown = [answer.estimate for answer in answers]
         table.append(("grade", *map(_grade_cell, shown), ""))
         squares = ["" if one is None else _number_cell(one.chi_square_per_sample) for one in shown]
@@ -183,18 +183,18 @@ def compare(record: Record, structure: Structure, *, progress: Progress = silent
     expect("compare(record, structure): structure", structure, Structure)
     step = 0.2
     best = identify(record, structure, progress=part(progress, 0.0, 3.0 * step))
-    found = [_with_run("ml", best, record)]
+    tried = [_with_run("ml", best, record)]
     for number, name in enumerate((name for name in METHODS if name != "ml"), start=1):
         progress(ProgressReport(step * (2 + number), name))
         try:
-            found.append(_with_run(name, identify(record, structure, method=METHODS.lookup(name)()), record))
+            tried.append(_with_run(name, identify(record, structure, method=METHODS.lookup(name)()), record))
         except LinkwiseError as error:
-            found.append(MethodAnswer(name, None, _error_text(error)))
+            tried.append(MethodAnswer(name, None, _error_text(error)))
     missing, richer = (cause for cause in best.diagnosis if not cause.is_instrument), best.alternative
     if richer is not None:
         name = f"ml with {' and '.join(cause.label for cause in richer.added)}"
-        found.append(_with_run(name, richer, record))
-    return Comparison(record, tuple(found), next(missing, None))
+        tried.append(_with_run(name, richer, record))
+    return Comparison(record, tuple(tried), next(missing, None))
 
 
 def _with_run(name: str, estimate: Estimate, record: Record) -> MethodAnswer:

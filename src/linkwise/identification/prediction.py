@@ -536,8 +536,8 @@ def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Predic
     for samples in dict.fromkeys((min(burn + _BEGINNING, len(record)), len(record))):
         run = _one_run(predictor, burn, samples, progress)
         horizon = _horizon(run, burn, size)
-        told = samples == len(record) or (horizon or 0) < samples - 2 * max(burn, _FEWEST)
-        if horizon is not None and told:  # that it stays lost shows only before the end of a beginning
+        is_certain = samples == len(record) or (horizon or 0) < samples - 2 * max(burn, _FEWEST)
+        if horizon is not None and is_certain:  # that it stays lost shows only before the end of a beginning
             progress(ProgressReport(0.6, "windows"))
             return _in_windows(predictor, burn, horizon, size)
     return run

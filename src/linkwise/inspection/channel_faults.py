@@ -224,11 +224,11 @@ def driven_mass(record: Record, force: str, masses: Mapping[str, float]) -> str 
         return None
     half = 1
     while half <= min(_LONGEST, len(record) // 8):
-        found = {name: _share(record, force, responses[name][0], masses[name], half) for name in masses}
-        if all(error < _ERROR for _, error in found.values()):
-            driven = [name for name, (share, _) in found.items() if abs(share - 1.0) < _ALIKE]
-            idle = [name for name, (share, _) in found.items() if abs(share) < _IDLE]
-            return driven[0] if len(driven) == 1 and len(driven) + len(idle) == len(found) else None
+        shares = {name: _share(record, force, responses[name][0], masses[name], half) for name in masses}
+        if all(error < _ERROR for _, error in shares.values()):
+            driven = [name for name, (share, _) in shares.items() if abs(share - 1.0) < _ALIKE]
+            idle = [name for name, (share, _) in shares.items() if abs(share) < _IDLE]
+            return driven[0] if len(driven) == 1 and len(driven) + len(idle) == len(shares) else None
         half *= 2
     return None
 

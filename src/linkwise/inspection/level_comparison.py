@@ -289,11 +289,11 @@ def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     """A row for each level with a periodic force."""
     title = ("distortion of", comparison.level_name, "period, s", "odd, dB", "even, dB", "scatter, dB")
     rows: list[tuple[str, ...]] = [title]
-    for level, found in zip(comparison.levels, comparison.distortions, strict=True):
-        if found is not None:
-            sizes = (found.odd, found.even, found.noise)
+    for level, of_level in zip(comparison.levels, comparison.distortions, strict=True):
+        if of_level is not None:
+            sizes = (of_level.odd, of_level.even, of_level.noise)
             powers = ("" if power is None else f"{power:.1f}" for power in sizes)
-            rows.append((found.channel, f"{level:.3g}", f"{found.period:.4g}", *powers))
+            rows.append((of_level.channel, f"{level:.3g}", f"{of_level.period:.4g}", *powers))
     return rows
 
 

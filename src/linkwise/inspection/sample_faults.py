@@ -430,11 +430,11 @@ def copies(signal: ChannelSignal) -> list[tuple[int, slice]]:
 def copied(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses with samples that were there before, as of a buffer that was written twice."""
     for signal in signals.responses:
-        found = copies(signal)
-        if not found:
+        repeated = copies(signal)
+        if not repeated:
             continue
-        count = sum(copy.stop - copy.start for _, copy in found)
-        first, copy = found[0]
+        count = sum(copy.stop - copy.start for _, copy in repeated)
+        first, copy = repeated[0]
         then, now = (signal.start + sample / signal.rate for sample in (first, copy.start))
         message = (
             f"{count} samples from {now:g} s on are those from {then:g} s on, bit for bit: a buffer was written twice, so "

@@ -169,14 +169,14 @@ class ModalFit:
 def modal_fit(measured: ModalMeasurement, start: PursuedModes, progress: Progress = silent) -> ModalFit:
     """The most likely modes, searched from a start; with damping between pairs of them where that of one stands out."""
     problem = _OutputError(measured, len(start.frequencies))
-    found = _searched(problem, problem.start(start), part(progress, 0.0, 0.5))
-    coupled, point = _with_pairs(problem, *found[:2])
+    optimum = _searched(problem, problem.start(start), part(progress, 0.0, 0.5))
+    coupled, point = _with_pairs(problem, *optimum[:2])
     if coupled.pairs:
         fit = _fit(coupled, _searched(coupled, point, part(progress, 0.5, 1.0)))
         errors = np.sqrt(fit.covariance.diagonal()) * fit.block_ratios
         if np.any(np.abs(fit.between) > _STANDS_OUT * errors[-len(fit.pairs) :]):
             return fit
-    return _fit(problem, found)
+    return _fit(problem, optimum)
 
 
 def _fit(problem: _OutputError, found: tuple[Floats, Floats, bool]) -> ModalFit:

@@ -217,10 +217,10 @@ def loop(
     to_x, unit_x = scale(values, law.motion_units[("d", "v").index(over)])
     to_f, unit_f = scale(forces.largest, law.force_unit)
     with axes_for(ax, legend=legend) as axes:
-        shown, found = values * to_x, forces.identified * to_f
+        shown, identified = values * to_x, forces.identified * to_f
         if forces.measured is not None:
             axes.plot(shown, forces.measured * to_f, color=MEASURED, lw=0.7, zorder=1, label="measured")
-        axes.plot(shown, found, color=IDENTIFIED, lw=0.9, zorder=2, label="identified")
+        axes.plot(shown, identified, color=IDENTIFIED, lw=0.9, zorder=2, label="identified")
         axes.set(xlabel=f"{quantity}, {unit_x}", ylabel=f"force, {unit_f}")
         wrap_title(axes, force_title(estimate.link(link).link))
     return axes
@@ -475,9 +475,9 @@ def _compare_link(panels: Sequence[Axes], comparison: Comparison, link: LinkEsti
     name, law = link.link.name, link.link.law
     elastic = bool(np.any(link.link.force(np.linspace(*link.d_range, 9)) != link.link.force(0.0)))
     motion = np.linspace(*(link.d_range if elastic else link.v_range), _CURVE_POINTS)
-    found = {a.name: a.estimate.link(name).link for a in comparison.answers if a.estimate is not None}
+    answers = {a.name: a.estimate.link(name).link for a in comparison.answers if a.estimate is not None}
     along = (motion,) if elastic else (0.0, motion)
-    forces = {method: one.force(*along) for method, one in found.items()}
+    forces = {method: one.force(*along) for method, one in answers.items()}
     best = forces["ml"]
     band = link.force_band(motion)[1:] if elastic and link.covariance is not None else (best, best)
     to_x, unit_x = scale(motion, law.motion_units[0 if elastic else 1])

@@ -364,9 +364,9 @@ def _bands_of_draws(
             share = max(round(_STATIONS * (last - first) / (len(points) - 1)), _FEWEST)
             stations = np.unique(np.linspace(first, last, share).round().astype(int))
             moved = [solve(own, points[k].unknowns, points[k].tangent) for k in stations]
-            found = [point for point in moved if point is not None]
-            if len(found) > 1:
-                values = _values_along(own, found)
+            solved = [point for point in moved if point is not None]
+            if len(solved) > 1:
+                values = _values_along(own, solved)
                 rising, order = np.argsort(energy[piece]), np.argsort(values[:, 2])
                 curve = energy[piece][rising], along[piece][rising]
                 omega, ratio = (np.interp(values[:, 2], curve[0], column) for column in curve[1].T[:2])

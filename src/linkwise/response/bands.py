@@ -128,11 +128,11 @@ def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) 
     """The solution near unknowns, if it is on the branch and the same side of all folds as a point, and not far off with a
     shorter period.
     """
-    found = solve(equations, unknowns)
-    off = np.inf if found is None else float(np.abs((found.unknowns - unknowns) / point.sizes).max())
-    if found is None or off > _JUMP:
+    solution = solve(equations, unknowns)
+    off = np.inf if solution is None else float(np.abs((solution.unknowns - unknowns) / point.sizes).max())
+    if solution is None or off > _JUMP:
         return None
-    if off > _FAR and repeats_sooner(equations, found):
+    if off > _FAR and repeats_sooner(equations, solution):
         return None
-    signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, found)]
-    return found.unknowns if signs[0] == signs[1] else None
+    signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, solution)]
+    return solution.unknowns if signs[0] == signs[1] else None

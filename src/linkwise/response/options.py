@@ -308,7 +308,7 @@ class AskedStructure:
             case Posterior():
                 return cls(answer.structure, answer, basis=answer.basis)
             case Estimate():
-                ranges = {found.link.name: found.d_range for found in answer.links}
+                ranges = {link.link.name: link.d_range for link in answer.links}
                 try:
                     return cls(answer.structure, posterior := Posterior.of(answer), ranges, posterior.basis)
                 except IdentificationError:

@@ -252,9 +252,9 @@ class _Shown:
 
     def irregular(self, motions: Sequence[IrregularMotion]) -> tuple[Irregular, ...]:
         """Irregular motions in the channels, those of a kind at one frequency together."""
-        found: dict[tuple[float, bool], list[IrregularMotion]] = {}
+        gathered: dict[tuple[float, bool], list[IrregularMotion]] = {}
         for motion in motions:
-            found.setdefault((motion.omega, motion.chaotic), []).append(motion)
+            gathered.setdefault((motion.omega, motion.chaotic), []).append(motion)
         return tuple(
             Irregular(
                 omega / (2.0 * np.pi),
@@ -263,5 +263,5 @@ class _Shown:
                 np.min([(motion.states @ self.rows.T).min(axis=0) for motion in alike], axis=0),
                 np.max([(motion.states @ self.rows.T).max(axis=0) for motion in alike], axis=0),
             )
-            for (omega, chaotic), alike in found.items()
+            for (omega, chaotic), alike in gathered.items()
         )

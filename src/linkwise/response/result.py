@@ -340,15 +340,15 @@ def _bifurcation_text(branch: Branch) -> str:
 
 def mirrored(level: ResponseLevel) -> dict[int, int]:
     """The numbers of branches, from 1, that are others about the opposite mean, over the same frequencies and as large."""
-    found = {}
+    mirrors = {}
     outlines = [_branch_outline(branch) for branch in level.branches]
     for (first, one), (second, other) in combinations(enumerate(outlines, start=1), 2):
         ends, means = (np.array([own[part] for own in (one, other)]) for part in range(2))
         off = np.abs(means).max()
         alike = np.allclose(ends[0], ends[1], rtol=_MIRRORED) and off > _OFF_CENTRE * ends[0, 3:].max()
         if alike and np.abs(means.sum(axis=0)).max() < _OFF_CENTRE * off:
-            found[second] = first
-    return found
+            mirrors[second] = first
+    return mirrors
 
 
 def _branch_outline(branch: Branch) -> tuple[Floats, Floats]:

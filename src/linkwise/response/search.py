@@ -255,9 +255,9 @@ def _branching_off(equations: Shooting, curve: Curve) -> Iterator[tuple[Shooting
         across = (first @ point.tangent) * second - (second @ point.tangent) * first
         across /= np.linalg.norm(across)
         for step in _BRANCH_STEPS:
-            found = solve(longer, point.unknowns + step * across * point.sizes, across)
-            if found is not None and not repeats_sooner(longer, found):
-                yield longer, found
+            branching = solve(longer, point.unknowns + step * across * point.sizes, across)
+            if branching is not None and not repeats_sooner(longer, branching):
+                yield longer, branching
                 break
 
 

@@ -138,11 +138,11 @@ def _identify(
     estimate = identify(record, subject.stated_structure(seed), method=estimator)
     names = [parameter.name for parameter in estimate.parameters]
     errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0)).tolist()
-    true, found = subject.true_structure, estimate.structure
+    true, identified = subject.true_structure, estimate.structure
     return MethodResult(
         status=estimate.status,
         seconds=estimate.seconds,
-        links={name: nmse(true.link(name), found.link(name), clean) for name in subject.judged_links},
+        links={name: nmse(true.link(name), identified.link(name), clean) for name in subject.judged_links},
         coefficients=dict(zip(names, map(float, estimate.values), strict=True)),
         standard_errors={} if estimate.grade is Grade.REFUSED else dict(zip(names, errors, strict=False)),
         reason="" if estimate.trusted else estimate.explanation,
@@ -161,10 +161,10 @@ def judged(structure: Structure, subject: Subject, clean: Record) -> tuple[dict[
     truth = subject.true_structure
     score = term_score(structure, truth)
     aligned, links = align_truth(structure, truth), {}
-    found = {frozenset(link.between): link for link in reversed(structure.links)}
+    by_ends = {frozenset(link.between): link for link in reversed(structure.links)}
     for name in subject.judged_links:
         true = truth.link(name)
-        link = found.get(frozenset(true.between))
+        link = by_ends.get(frozenset(true.between))
         true = true if link is None else aligned.link(link.name)
         links[name] = nmse(true, link or Link(name, true.between, _NO_FORCE, {}), clean)
     return links, {name: len(getattr(score, name)) for name in ("right", "missing", "extra")}
