@@ -378,7 +378,7 @@ class _Problem:
             ensemble = run_ensemble(comparisons, workers=self.options.workers, progress=runs)
             column = {name: ensemble.column(name) for name in asked - {RESONANCE}}
             if self.resonance is not None and RESONANCE in asked:
-                structures = [own.structure for own in comparisons]
+                structures = [comparison.structure for comparison in comparisons]
                 followed = part(share, simulated, 1.0)
                 column[RESONANCE] = self.resonance.values(structures, factor, followed, self.pool)
             diverged += np.sum(~ensemble.completed.reshape(len(named), -1), axis=1)

@@ -197,7 +197,7 @@ def _true_link(link: Link, theirs: list[_ComparedTerm]) -> Link:
     ours = list(_terms(link, {}))
     text = link.law.text
     for term in theirs:
-        matches = [(own, factor) for own in ours if (factor := _factor(own, term)) is not None]
+        matches = [(our, factor) for our in ours if (factor := _factor(our, term)) is not None]
         if matches:
             own, factor = matches[0]
             name = own.name.key

@@ -281,7 +281,7 @@ class EquationsOfMotion:
     def _masses(self) -> list[Expression]:
         """The symbol of each mass (n,); of a mode the number 1."""
         names, modes = self.structure.mass_names, self.structure.modes
-        return [Number(1.0) if one in modes else Symbol(self._leader(f"{one}.{MASS}")) for one in names]
+        return [Number(1.0) if name in modes else Symbol(self._leader(f"{name}.{MASS}")) for name in names]
 
     @cached_property
     def _driven(self) -> dict[str, Weights]:

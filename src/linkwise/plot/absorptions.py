@@ -331,7 +331,7 @@ def crossings(
 def crossings_figure(result: Answer) -> Figure:
     """The sinks, each in a strip of its own; of more than 8 the first."""
     sinks = without_intervals(result).sinks[:_MOST]
-    return strips([partial(crossings, result, one.sink.link, legend=False) for one in sinks], (1.2, 1.3))
+    return strips([partial(crossings, result, sink.sink.link, legend=False) for sink in sinks], (1.2, 1.3))
 
 
 _SINKS, _OTHERS = 5, 4  # bands of links that can be told apart
@@ -527,7 +527,7 @@ def designs(
 
 def _label_design_axis(axes: Axes, result: Design, name: str, which: str) -> None:
     """Label an axis with a parameter, between its bounds."""
-    axis = next(own for own in result.axes if own.name == name)
+    axis = next(axis for axis in result.axes if axis.name == name)
     _scale_axis(axes, which, axis, axis.low)
     axes.set(**{f"{which}lim": (axis.low, axis.high)})
 
