@@ -261,8 +261,8 @@ def _structure(
     structure: Structure, masses: tuple[Mass, ...], links: tuple[Link, ...], removal: str
 ) -> Structure:
     """The structure of some masses and links; coefficients that were shared keep their values."""
-    own = [{name: replace(c, same_as=None) for name, c in link.coefficients.items()} for link in links]
-    independent = tuple(replace(link, coefficients=c) for link, c in zip(links, own, strict=True))
+    unshared = [{name: replace(c, same_as=None) for name, c in link.coefficients.items()} for link in links]
+    independent = tuple(replace(link, coefficients=c) for link, c in zip(links, unshared, strict=True))
     bodies = tuple(replace(mass, mass=replace(mass.mass, same_as=None)) for mass in masses)
     try:
         return Structure(f"{structure.name}, sinks {removal}", bodies, independent, structure.hosts)
@@ -500,12 +500,12 @@ def _sink_results(comparison: Comparison, run: AbsorptionRun) -> tuple[SinkResul
 
 def _harvests(comparison: Comparison, run: AbsorptionRun) -> tuple[Harvest, ...]:
     harvests, duration = [], float(comparison.times[-1])
-    for link, given in (comparison.options.harvesters or {}).items():
-        if isinstance(given, str):
+    for link, load in (comparison.options.harvesters or {}).items():
+        if isinstance(load, str):
             energy = run.delivered[link]
-            harvest = Harvest(link, None, energy, energy / duration, energy / run.total, given)
+            harvest = Harvest(link, None, energy, energy / duration, energy / run.total, load)
         else:
             share = run.share(f"{link}{SUFFIX}")
-            harvest = Harvest(link, given, share * run.total, share * run.total / duration, share)
+            harvest = Harvest(link, load, share * run.total, share * run.total / duration, share)
         harvests.append(harvest)
     return tuple(harvests)

@@ -482,9 +482,9 @@ def design(
     designs: list[Design | None] = []
     with curve_pool(None if options.harmonic is None else options.workers, executor) as pool:
         for number, (_, moved) in enumerate(at_places):
-            own = None if journal is None else Path(f"{journal}{number or ''}")
+            journal_file = None if journal is None else Path(f"{journal}{number or ''}")
             share = part(progress, number / len(at_places), (number + 1) / len(at_places))
-            designs.append(_searched(moved, asked, own, pool, share))
+            designs.append(_searched(moved, asked, journal_file, pool, share))
     sign = -1.0 if options.maximise else 1.0
     best = min((own for own in designs if own), key=lambda own: sign * own.objective, default=None)
     if best is None:
@@ -495,7 +495,7 @@ def design(
             f"{', raise the limits' if options.limits else ''} or simulate for longer"
         )
     pairs = list(zip(designs, at_places, strict=True))
-    as_given = (own.given for own, (_, moved) in pairs if own and moved == subject)
+    as_given = (candidate.given for candidate, (_, moved) in pairs if candidate and moved == subject)
     places = [(where, own.objective if own else np.nan) for own, (where, _) in pairs if where]
     places.sort(key=lambda place: np.nan_to_num(sign * place[1], nan=np.inf))
     return replace(best, given=next(as_given, None), basis=given.basis, places=tuple(places))
@@ -580,7 +580,7 @@ def _problem(structure: Structure, asked: _Question) -> tuple[_Problem, Comparis
     middle = {axis.name: float(values_at(axis, np.array(0.5))) for axis in axes}
     comparison = comparison_at(structure, middle, simulated)
     resonance = None if options.harmonic is None else Resonance.of(comparison, options.harmonic)
-    quantities = {own.name: own for own in quantities_of(comparison)}
+    quantities = {quantity.name: quantity for quantity in quantities_of(comparison)}
     if resonance is not None:
         quantities[RESONANCE] = resonance.quantity
     elif RESONANCE in (minimise, *(options.limits or ())):

@@ -226,7 +226,7 @@ class _Network:
         """Number of groups of masses that are connected to each other but not to the ground; each has a rigid-body motion."""
         ground = len(self.incidence)
         masses = [[mass for mass, _ in bond.weights] for bond in self.bonds]
-        chains = [[ground, *own] if len(own) == 1 else own for own in masses]
+        chains = [[ground, *ends] if len(ends) == 1 else ends for ends in masses]
         joined = [pair for chain in chains for pair in pairwise(chain)]
         first, second = ([pair[end] for pair in joined] for end in (0, 1))
         graph = csr_array((np.ones(len(joined)), (first, second)), shape=(ground + 1, ground + 1))

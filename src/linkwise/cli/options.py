@@ -97,8 +97,8 @@ def gathered(
     def decorate(command: Callable[..., R]) -> Callable[..., R]:
         @wraps(command)
         def wrapped(**values: Any) -> R:
-            own = {name: values.pop(name) for name in names}
-            return command(**{keyword: make(own)}, **values)
+            group_values = {name: values.pop(name) for name in names}
+            return command(**{keyword: make(group_values)}, **values)
 
         for option in reversed(options):
             wrapped = option(wrapped)

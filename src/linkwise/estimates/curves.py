@@ -236,8 +236,8 @@ def fitted_channels(estimate: Estimate) -> dict[str, tuple[Floats, Floats]]:
     motion, record = estimate.motion, estimate.record
     if motion.residuals:
         scaled = ((name, estimate.noise[name].sigma * one) for name, one in motion.residuals.items())
-        left = ((record.channel(name), name, one[: len(record)]) for name, one in scaled)
-        return {name: (samples, samples - one) for samples, name, one in left}
+        left = ((record.channel(name), name, residuals[: len(record)]) for name, residuals in scaled)
+        return {name: (samples, samples - residuals) for samples, name, residuals in left}
     if motion.measured_force is None or motion.identified_force is None:
         return {}
     names = [f"f:{link.name}" for link in motion.structure.links]

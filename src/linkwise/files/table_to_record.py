@@ -273,8 +273,8 @@ def _statements(
             unread += more
     if COMMON in table.sensors:
         stated[COMMON] = SensorStatement.of(table.sensors[COMMON], COMMON, table.file)
-    for name, own in mapping.sensors.items():
-        stated[name] = own.over(stated.get(name, SensorStatement()))
+    for name, sensor in mapping.sensors.items():
+        stated[name] = sensor.over(stated.get(name, SensorStatement()))
     if mapping.calibration is not None:
         general = SensorStatement(gain=StatedError(1.0, mapping.calibration))
         for name in (choice.channel for choice in chosen if choice.channel):

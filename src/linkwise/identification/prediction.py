@@ -109,11 +109,11 @@ class WindowPredictor:
         size = max(1, _NUMBERS // (samples * refine * len(root) * (len(root) + len(unit) + 1)))
         parts = []
         for first in range(0, len(firsts), size):
-            some = firsts[first : first + size]
-            run = self._run(self._segments(some, samples, refine), states[:, some])
+            batch = firsts[first : first + size]
+            run = self._run(self._segments(batch, samples, refine), states[:, batch])
             slopes, ends = _slopes(run)
             changes = list(self._changed_by_laws(run))
-            for k in range(len(some)):
+            for k in range(len(batch)):
                 of_laws = [shown[..., k].ravel() for shown, _ in changes]
                 total = np.vstack([moved, fixed])
                 by_both = slopes[k] @ total
@@ -182,11 +182,11 @@ class WindowPredictor:
 
     def _refinement(self, states: Floats, firsts: Indices, samples: int) -> int:
         """Steps per sample that keep the error of the flow from `states` (2 n + S, N) well below the noise."""
-        some = firsts[:: max(1, len(firsts) // _TESTED)]
+        tested = firsts[:: max(1, len(firsts) // _TESTED)]
         most = min(samples, 64)
 
         def shown(refine: int) -> Floats:
-            return self._run(self._segments(some, most, refine), states[..., some]).residuals
+            return self._run(self._segments(tested, most, refine), states[..., tested]).residuals
 
         refine, coarse = 1, shown(1)
         while refine < _MAX_REFINEMENT:

@@ -444,8 +444,8 @@ def _predicted_on_rig(
         v=np.outer(motion.v[::every], structure.base_incidence),
     )
     levels: dict[str, float] = {
-        cell.channel: float(np.hypot(noise[cell.channel], np.sqrt(np.mean(own**2))))
-        for cell, own in zip(problem.cells, moved, strict=True)
+        cell.channel: float(np.hypot(noise[cell.channel], np.sqrt(np.mean(deviations**2))))
+        for cell, deviations in zip(problem.cells, moved, strict=True)
     }
     progress(ProgressReport(1.0, "forces along the motion"))
     variance = np.where(np.isnan(predicted), np.nan, prediction.variances.sum(axis=1))

@@ -251,11 +251,11 @@ def estimated_again(record: Record, posterior: Posterior, progress: Progress) ->
     starts: dict[str, float] = dict(zip(posterior.names, map(float, posterior.values), strict=True))
     deviations = dict(zip(posterior.names, posterior.covariance.diagonal() ** 0.5, strict=True))
     free = uncertain(posterior)
-    own = {parameter.name for parameter in free.parameters}  # not those that share one of these
+    free_names = {parameter.name for parameter in free.parameters}  # not those that share one of these
     known = {
         name: Coefficient.unknown(starts[name], sigma=float(deviation))
         for name, deviation in deviations.items()
-        if _is_of_host(name) and deviation > 0.0 and name in own
+        if _is_of_host(name) and deviation > 0.0 and name in free_names
     }
     structure = free.with_coefficients(known)
     again = MaximumLikelihood(starts=starts).estimate([record], structure, progress)
@@ -271,19 +271,19 @@ def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgr
     rows = []
     for name in refittable_names(posterior):
         index = posterior.names.index(name)
-        own = estimate.coefficient(name)
+        again = estimate.coefficient(name)
         error = math.sqrt(max(posterior.covariance[index, index], 0.0))
-        if own.standard_error is None or not own.standard_error > 0.0:
+        if again.standard_error is None or not again.standard_error > 0.0:
             continue
         rows.append(
             CoefficientAgreement(
                 name=name,
-                unit=own.unit,
+                unit=again.unit,
                 value=float(posterior.values[index]),
                 standard_error=error,
-                record_value=own.value,
-                record_error=own.standard_error,
-                z=(own.value - float(posterior.values[index])) / math.hypot(error, own.standard_error),
+                record_value=again.value,
+                record_error=again.standard_error,
+                z=(again.value - float(posterior.values[index])) / math.hypot(error, again.standard_error),
                 limit=limit,
             )
         )

@@ -245,11 +245,11 @@ class ChannelSignal:
     @cached_property
     def digits(self) -> int:
         """Significant decimal digits of the samples; 17 where they are as many as a number holds."""
-        some = self.observed[:: max(1, len(self.observed) // _LOOKED_AT)]
-        some = some[some != 0.0]
-        roundings = _ROUNDED * np.spacing(np.abs(some))
+        looked_at = self.observed[:: max(1, len(self.observed) // _LOOKED_AT)]
+        looked_at = looked_at[looked_at != 0.0]
+        roundings = _ROUNDED * np.spacing(np.abs(looked_at))
         for digits in range(1, _PRINTED):
-            pairs = zip(some.tolist(), roundings.tolist(), strict=True)
+            pairs = zip(looked_at.tolist(), roundings.tolist(), strict=True)
             if all(abs(float(f"{value:.{digits - 1}e}") - value) <= least for value, least in pairs):
                 return digits
         return 17
@@ -447,8 +447,8 @@ class RecordSignals:
         """The samples at an end in which a channel rests and nothing drives the structure; None where there are none."""
         if signal.rest is None:
             return None
-        inputs = [given for given in self.moving if given.is_input]
-        driven = any(float(np.std(given.filled[signal.rest])) > QUIET * given.rms for given in inputs)
+        inputs = [drive for drive in self.moving if drive.is_input]
+        driven = any(float(np.std(drive.filled[signal.rest])) > QUIET * drive.rms for drive in inputs)
         return None if driven else signal.rest
 
     @cached_property

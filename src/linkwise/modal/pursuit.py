@@ -195,7 +195,7 @@ class Projection:
         for channel, (fit, kind) in enumerate(zip(self._fits[run], self.measured.kinds, strict=True)):
             of_modes = zip(weights[channel], changes, strict=True)
             rows = np.concatenate(
-                [np.einsum("p,jpt->jt", own, change[:, :, kind]) for own, change in of_modes]
+                [np.einsum("p,jpt->jt", sizes, change[:, :, kind]) for sizes, change in of_modes]
             )
             rows = np.where(known[channel], rows, 0.0)
             products = scipy.linalg.cho_solve(fit.basis.factor, fit.basis.columns @ rows.T)
@@ -269,9 +269,9 @@ def _is_doubled(modes: Projection) -> bool:
 def _doubtful_band(addition: Floats, modes: Projection) -> tuple[float, float]:
     """Frequencies in Hz beside an addition (1, 2) in which no more is looked for: what one mode leaves hides others."""
     widths = np.exp(np.concatenate([modes.logs, addition]).sum(axis=1))  # Hz, half of the bands of half power
-    own = float(np.exp(addition[0, 0]))
+    hz = float(np.exp(addition[0, 0]))
     width = _BESIDE * float(max(widths[-1], widths[np.argmin(np.abs(modes.logs[:, 0] - addition[0, 0]))]))
-    return own - width, own + width
+    return hz - width, hz + width
 
 
 def doubled_mode(frequencies: Floats, damping: Floats, motions: Floats) -> int | None:

@@ -187,7 +187,7 @@ def map(
     '%'
     """
     values = result[quantity]
-    shown = next(own for own in result.quantities if own.name == quantity)
+    shown = next(candidate for candidate in result.quantities if candidate.name == quantity)
     values, unit = (100.0 * values, "%") if shown.is_part else (values, shown.unit)  # parts of 1 in %
     with axes_for(ax, legend=legend, width=4.6, height=3.4) as axes:
         if len(result.axes) == 2:

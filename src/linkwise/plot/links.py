@@ -139,8 +139,8 @@ def _draw(axes: Axes, curve: ForceCurve) -> None:
     d, elastic = curve.d * to_d, curve.force * to_f
     axes.axvspan(low * to_d, high * to_d, color=VISITED, zorder=0, label="range visited")
     if len(curve.sample_d):
-        some = scattered(len(curve.sample_d))
-        samples = curve.sample_d[some] * to_d, curve.sample_force[some] * to_f
+        thinned = scattered(len(curve.sample_d))
+        samples = curve.sample_d[thinned] * to_d, curve.sample_force[thinned] * to_f
         style: dict[str, Any] = {"color": MEASURED, "ms": 1.5, "rasterized": True, "zorder": 1}
         axes.plot(*samples, ".", label=_samples_label(curve), **style)
     if curve.true is not None:
@@ -277,7 +277,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     if not law.is_plain:
         message = "has memory or takes a signal, so that its force is not a function of elongation and rate; draw its loops"
         raise StructureError(message, f'link "{link}"')
-    index = [one.name for one in estimate.structure.links].index(link)
+    index = [candidate.name for candidate in estimate.structure.links].index(link)
     ends = [(limits, _MARGIN * np.ptp(limits)) for limits in (link_estimate.d_range, link_estimate.v_range)]
     d, v = (np.linspace(low - margin, high + margin, _SURFACE_POINTS) for (low, high), margin in ends)
     force = np.broadcast_to(link_estimate.link.force(*np.meshgrid(d, v)), (_SURFACE_POINTS, _SURFACE_POINTS))
@@ -285,7 +285,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     to_v, unit_v = scale(v, law.motion_units[1])
     largest = float(np.abs(force).max())
     to_f, unit_f = scale(largest, law.force_unit)
-    some = scattered(len(estimate.motion.d))
+    thinned = scattered(len(estimate.motion.d))
     with axes_for(ax, legend=legend) as axes:
         bound = max(largest * to_f, np.finfo(float).tiny)
         colors: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -bound, "vmax": bound}
@@ -293,7 +293,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
         axes.figure.colorbar(mesh, ax=axes, label=f"force, {unit_f}")
         if np.any(force > 0.0) and np.any(force < 0.0):
             axes.contour(d * to_d, v * to_v, force, levels=[0.0], colors=TRUE, linewidths=0.7)
-        visited = estimate.motion.d[some, index] * to_d, estimate.motion.v[some, index] * to_v
+        visited = estimate.motion.d[thinned, index] * to_d, estimate.motion.v[thinned, index] * to_v
         style: dict[str, Any] = {"color": TRUE, "ms": 1.2, "alpha": 0.5, "rasterized": True}
         axes.plot(*visited, ".", label="motion of the record", **style)
         axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"rate v, {unit_v}")
@@ -477,7 +477,7 @@ def _compare_link(panels: Sequence[Axes], comparison: Comparison, link: LinkEsti
     motion = np.linspace(*(link.d_range if elastic else link.v_range), _CURVE_POINTS)
     answers = {a.name: a.estimate.link(name).link for a in comparison.answers if a.estimate is not None}
     along = (motion,) if elastic else (0.0, motion)
-    forces = {method: one.force(*along) for method, one in answers.items()}
+    forces = {method: answer.force(*along) for method, answer in answers.items()}
     best = forces["ml"]
     band = link.force_band(motion)[1:] if elastic and link.covariance is not None else (best, best)
     to_x, unit_x = scale(motion, law.motion_units[0 if elastic else 1])

@@ -97,7 +97,7 @@ def _draw_level(axes: Axes, level: ResponseLevel, column: int, factor: float, co
                 ends = factor * branch.lower[part, column], factor * branch.upper[part, column]
                 axes.fill_between(branch.hz[part], *ends, color=colour, alpha=_BAND, lw=0)
         for name, marker in _MARKERS.items():
-            at = [number for number, own in enumerate(branch.bifurcations) if own == name]
+            at = [number for number, bifurcation in enumerate(branch.bifurcations) if bifurcation == name]
             axes.plot(branch.hz[at], values[at], marker, color=colour, ms=3.5, mfc="white")
     for motion in level.irregular:
         half = 0.5 * factor * (motion.upper[column] - motion.lower[column])

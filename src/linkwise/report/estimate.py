@@ -84,7 +84,7 @@ def _record(estimate: Estimate, drawn: Collection[str]) -> Section:
         f"{record.time[-1]:g} s."
     )
     noise = estimate.noise.items()
-    rows = [(name, f"{one.sigma:.3g}", one.unit, f"{one.snr_db:.1f}") for name, one in noise]
+    rows = [(name, f"{level.sigma:.3g}", level.unit, f"{level.snr_db:.1f}") for name, level in noise]
     rows = [NOISE_HEAD, *rows] if rows else []
     figure = None if {*record.channels} <= {*drawn} else partial(histories_figure, record)
     return Section("Record", text=[text], items=record.notes, rows=rows, figure=figure, folded=True)

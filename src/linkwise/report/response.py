@@ -66,7 +66,7 @@ def _write_data(result: Response, folder: Path) -> None:
 def _branch_rows(branch: Branch) -> Iterator[tuple[object, ...]]:
     """Of each point of a branch frequency, stability and bifurcation, and of each channel amplitudes, phase, bounds, mean."""
     unknown, harmonic = np.full_like(branch.amplitude, np.nan), branch.first_harmonic
-    others = (unknown if one is None else one for one in (branch.lower, branch.upper, branch.mean))
+    others = (unknown if bound is None else bound for bound in (branch.lower, branch.upper, branch.mean))
     values = [branch.amplitude, np.abs(harmonic), np.degrees(np.angle(harmonic)), *others]
     columns = np.stack(values, axis=2).reshape(len(branch.hz), -1).tolist()
     states = [part.tolist() for part in (branch.hz, branch.stable.astype(int), branch.largest_multiplier)]

@@ -206,13 +206,13 @@ def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
         bands = [
             (
                 "95 % band",
-                *(_band_cell(own, 5) for own in zip(result.lower[which], result.upper[which], strict=True)),
+                *(_band_cell(band, 5) for band in zip(result.lower[which], result.upper[which], strict=True)),
             )
         ]
     if result.lower_damping is not None and result.upper_damping is not None:
         ends = zip(100.0 * result.lower_damping[which], 100.0 * result.upper_damping[which], strict=True)
         title += " (95 % band)"
-        damping = [f"{text} ({_band_cell(own, 3)})" for text, own in zip(damping, ends, strict=True)]
+        damping = [f"{text} ({_band_cell(band, 3)})" for text, band in zip(damping, ends, strict=True)]
     columns = [
         ("Hz", *(f"{hz:.5g}" for hz in result.hz[which])),
         *bands,
@@ -358,15 +358,15 @@ def _bands_of_draws(
     extremes = np.flatnonzero(np.diff(np.sign(np.diff(energy)))) + 1
     off = np.full((_DRAWS, len(points), 2), np.nan)
     for table, structure in zip(off, drawn, strict=True):
-        own = motion.of(structure)
+        drawn_motion = motion.of(structure)
         for first, last in pairwise([0, *extremes.tolist(), len(points) - 1]):
             piece = slice(first, last + 1)
             share = max(round(_STATIONS * (last - first) / (len(points) - 1)), _FEWEST)
             stations = np.unique(np.linspace(first, last, share).round().astype(int))
-            moved = [solve(own, points[k].unknowns, points[k].tangent) for k in stations]
+            moved = [solve(drawn_motion, points[k].unknowns, points[k].tangent) for k in stations]
             solved = [point for point in moved if point is not None]
             if len(solved) > 1:
-                values = _values_along(own, solved)
+                values = _values_along(drawn_motion, solved)
                 rising, order = np.argsort(energy[piece]), np.argsort(values[:, 2])
                 curve = energy[piece][rising], along[piece][rising]
                 omega, ratio = (np.interp(values[:, 2], curve[0], column) for column in curve[1].T[:2])

@@ -134,5 +134,5 @@ def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) 
         return None
     if off > _FAR and repeats_sooner(equations, solution):
         return None
-    signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, solution)]
+    signs = [np.linalg.slogdet(solved.jacobian[:, :-1])[0] for solved in (point, solution)]
     return solution.unknowns if signs[0] == signs[1] else None

@@ -101,12 +101,12 @@ def steady_points(record: Record, drive: Drive, channels: Sequence[Channel]) -> 
             continue
         order = 0 if drive.kind == FORCE else drive.order - driven.order
         size = _swing(signal[at], cycles, omega, order)
-        own = [
+        swings = [
             _swing(record.channel(name)[at], cycles, omega, channel.order - name.order) if name else np.nan
             for name, channel in zip(shown, channels, strict=True)
         ]
-        if np.isfinite(size) and np.isfinite(own).any():
-            rows.append([omega / (2.0 * np.pi), size, *own])
+        if np.isfinite(size) and np.isfinite(swings).any():
+            rows.append([omega / (2.0 * np.pi), size, *swings])
     if not rows:
         raise RecordError(
             f"{driven} shows no {_CYCLES} steady cycles in a row: measured points need a stepped or slowly swept sine",

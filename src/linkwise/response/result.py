@@ -343,7 +343,7 @@ def mirrored(level: ResponseLevel) -> dict[int, int]:
     mirrors = {}
     outlines = [_branch_outline(branch) for branch in level.branches]
     for (first, one), (second, other) in combinations(enumerate(outlines, start=1), 2):
-        ends, means = (np.array([own[part] for own in (one, other)]) for part in range(2))
+        ends, means = (np.array([outline[part] for outline in (one, other)]) for part in range(2))
         off = np.abs(means).max()
         alike = np.allclose(ends[0], ends[1], rtol=_MIRRORED) and off > _OFF_CENTRE * ends[0, 3:].max()
         if alike and np.abs(means.sum(axis=0)).max() < _OFF_CENTRE * off:

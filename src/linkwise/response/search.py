@@ -247,7 +247,7 @@ def _branching_off(equations: Shooting, curve: Curve) -> Iterator[tuple[Shooting
     """
     for before, (point, name), after in zip(curve.points, curve.points[1:], curve.points[2:], strict=False):
         turns = equations.turns * (2 if name == DOUBLING else 1)
-        unstable = (np.abs(equations.multipliers(own)).max() > 1.0 for own, _ in (before, after))
+        unstable = (np.abs(equations.multipliers(beside)).max() > 1.0 for beside, _ in (before, after))
         if name not in (DOUBLING, BRANCHING) or turns > 2 or all(unstable):
             continue
         longer = equations.with_turns(turns)

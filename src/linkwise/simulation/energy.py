@@ -56,9 +56,9 @@ class LinkForces:
     def dissipated_power(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
         """Power (M, L) in W that every link dissipates, (f(d, v) - f(d, 0)) v; with memory, (f(d, v, s) - f(d, 0, 0)) v."""
         powers = []
-        for link, own in self.variables(time, x, v, states):
+        for link, variables in self.variables(time, x, v, states):
             program = _dissipation_program(link.law)
-            named: dict[str, Floats | float] = {**link.values, **own}
+            named: dict[str, Floats | float] = {**link.values, **variables}
             power = program(*(named[name] for name in program.inputs))[0]  # a number for a spring
             powers.append(np.broadcast_to(power, time.shape))
         return np.stack(powers, axis=1)

@@ -255,7 +255,7 @@ def monomial_nmse(
 
 def _end_of_sink(structure: Structure, link: Link) -> str:
     """The end of the link that carries no other link."""
-    carried = Counter(end for one in structure.links for end in one.between)
+    carried = Counter(end for joint in structure.links for end in joint.between)
     for end in link.between:
         if end in structure.mass_names and carried[end] == 1:
             return end

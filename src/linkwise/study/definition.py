@@ -379,7 +379,7 @@ def _durations_and_rates(entry: _Structure, where: str) -> Iterator[tuple[float,
         if given == []:
             raise StudyError("must be a number, or a list of at least one", f"{where}.{key}")
         several = isinstance(given, list)
-        listed.append([(one, (f"{one:.6g} {unit}",)) for one in given] if several else [(given, ())])
+        listed.append([(value, (f"{value:.6g} {unit}",)) for value in given] if several else [(given, ())])
     for (duration, first), (rate, second) in product(*listed):
         yield duration, rate, (*first, *second)
 

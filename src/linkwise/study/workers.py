@@ -205,7 +205,7 @@ class ProcessExecutor(Executor):
         return self
 
     def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
-        self._submitted = [[future for future in some if not future.done()] for some in self._submitted]
+        self._submitted = [[future for future in futures if not future.done()] for futures in self._submitted]
         worker = min(range(self._count), key=lambda i: len(self._submitted[i]))
         try:
             future = _submit(self._pools[worker], run_batch, batch)
