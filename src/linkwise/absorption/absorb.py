@@ -151,7 +151,7 @@ def without_sinks(
     Excitation of a sink's mass is dropped with a removed sink, and acts on the host of a locked one; a release then keeps the
     momentum of both. Raises StructureError if no valid structure is left, SimulationError if no excitation is left.
     """
-    left, remaining = (_removed if removal == "removed" else _locked)(structure, sinks, excitation)
+    left, remaining = (_take_out if removal == "removed" else _lock)(structure, sinks, excitation)
     if remaining.is_empty:
         problem = f"with the sinks {removal} nothing sets the structure in motion, so there is nothing to compare with"
         if removal == "removed":
@@ -161,7 +161,7 @@ def without_sinks(
     return left, remaining
 
 
-def _removed(
+def _take_out(
     structure: Structure, sinks: Sequence[Sink], excitation: Excitation
 ) -> tuple[Structure, Excitation]:
     removed = {sink.mass for sink in sinks if sink.mass is not None}
@@ -178,7 +178,7 @@ def _removed(
     return left, Excitation(release, impulses, forces, base)
 
 
-def _locked(
+def _lock(
     structure: Structure, sinks: Sequence[Sink], excitation: Excitation
 ) -> tuple[Structure, Excitation]:
     for sink in sinks:
@@ -194,7 +194,7 @@ def _locked(
             arguments=("without",),
         )
     host = {sink.mass: sink.host for sink in sinks if sink.mass is not None}
-    root = {name: _root(name, host) for name in structure.mass_names}
+    root = {name: _carrier(name, host) for name in structure.mass_names}
     x = {name: excitation.release.get(f"x:{name}", 0.0) for name in structure.mass_names}
     offset = {name: x[name] - x[root[name]] for name in root}  # from its root, as long as it is locked
     kilograms = dict(zip(structure.mass_names, structure.mass_values.tolist(), strict=True))
@@ -215,7 +215,7 @@ def _locked(
     return left, Excitation(release, impulses, forces, excitation.base)
 
 
-def _root(name: str, host: Mapping[str, str]) -> str:
+def _carrier(name: str, host: Mapping[str, str]) -> str:
     """The mass that a mass ends up locked to, over a chain of sinks."""
     path = [name]
     while path[-1] in host:
@@ -261,8 +261,8 @@ def _structure(
     structure: Structure, masses: tuple[Mass, ...], links: tuple[Link, ...], removal: str
 ) -> Structure:
     """The structure of some masses and links; coefficients that were shared keep their values."""
-    own = [{name: replace(c, same_as=None) for name, c in link.coefficients.items()} for link in links]
-    independent = tuple(replace(link, coefficients=c) for link, c in zip(links, own, strict=True))
+    unshared = [{name: replace(c, same_as=None) for name, c in link.coefficients.items()} for link in links]
+    independent = tuple(replace(link, coefficients=c) for link, c in zip(links, unshared, strict=True))
     bodies = tuple(replace(mass, mass=replace(mass.mass, same_as=None)) for mass in masses)
     try:
         return Structure(f"{structure.name}, sinks {removal}", bodies, independent, structure.hosts)
@@ -500,12 +500,12 @@ def _sink_results(comparison: Comparison, run: AbsorptionRun) -> tuple[SinkResul
 
 def _harvests(comparison: Comparison, run: AbsorptionRun) -> tuple[Harvest, ...]:
     harvests, duration = [], float(comparison.times[-1])
-    for link, given in (comparison.options.harvesters or {}).items():
-        if isinstance(given, str):
+    for link, load in (comparison.options.harvesters or {}).items():
+        if isinstance(load, str):
             energy = run.delivered[link]
-            harvest = Harvest(link, None, energy, energy / duration, energy / run.total, given)
+            harvest = Harvest(link, None, energy, energy / duration, energy / run.total, load)
         else:
             share = run.share(f"{link}{SUFFIX}")
-            harvest = Harvest(link, given, share * run.total, share * run.total / duration, share)
+            harvest = Harvest(link, load, share * run.total, share * run.total / duration, share)
         harvests.append(harvest)
     return tuple(harvests)

@@ -378,7 +378,7 @@ class _Problem:
             ensemble = run_ensemble(comparisons, workers=self.options.workers, progress=runs)
             column = {name: ensemble.column(name) for name in asked - {RESONANCE}}
             if self.resonance is not None and RESONANCE in asked:
-                structures = [own.structure for own in comparisons]
+                structures = [comparison.structure for comparison in comparisons]
                 followed = part(share, simulated, 1.0)
                 column[RESONANCE] = self.resonance.values(structures, factor, followed, self.pool)
             diverged += np.sum(~ensemble.completed.reshape(len(named), -1), axis=1)
@@ -479,14 +479,14 @@ def design(
     simulated = options_given(AbsorptionOptions.of, None, keywords)
     asked = _Question(drawn, over, minimise, options, simulated)
     at_places = list(placed(subject, options.places or {}))
-    found: list[Design | None] = []
+    designs: list[Design | None] = []
     with curve_pool(None if options.harmonic is None else options.workers, executor) as pool:
         for number, (_, moved) in enumerate(at_places):
-            own = None if journal is None else Path(f"{journal}{number or ''}")
+            journal_file = None if journal is None else Path(f"{journal}{number or ''}")
             share = part(progress, number / len(at_places), (number + 1) / len(at_places))
-            found.append(_searched(moved, asked, own, pool, share))
+            designs.append(_searched(moved, asked, journal_file, pool, share))
     sign = -1.0 if options.maximise else 1.0
-    best = min((own for own in found if own), key=lambda own: sign * own.objective, default=None)
+    best = min((own for own in designs if own), key=lambda own: sign * own.objective, default=None)
     if best is None:
         kept = "keeps the limits and has" if options.limits else "has"
         count = len(at_places) * (options.evaluations or _PER_PARAMETER * len(over))
@@ -494,8 +494,8 @@ def design(
             f"none of {count} designs {kept} a value of {_SHORT.get(minimise, minimise)}: widen the bounds"
             f"{', raise the limits' if options.limits else ''} or simulate for longer"
         )
-    pairs = list(zip(found, at_places, strict=True))
-    as_given = (own.given for own, (_, moved) in pairs if own and moved == subject)
+    pairs = list(zip(designs, at_places, strict=True))
+    as_given = (candidate.given for candidate, (_, moved) in pairs if candidate and moved == subject)
     places = [(where, own.objective if own else np.nan) for own, (where, _) in pairs if where]
     places.sort(key=lambda place: np.nan_to_num(sign * place[1], nan=np.inf))
     return replace(best, given=next(as_given, None), basis=given.basis, places=tuple(places))
@@ -580,7 +580,7 @@ def _problem(structure: Structure, asked: _Question) -> tuple[_Problem, Comparis
     middle = {axis.name: float(values_at(axis, np.array(0.5))) for axis in axes}
     comparison = comparison_at(structure, middle, simulated)
     resonance = None if options.harmonic is None else Resonance.of(comparison, options.harmonic)
-    quantities = {own.name: own for own in quantities_of(comparison)}
+    quantities = {quantity.name: quantity for quantity in quantities_of(comparison)}
     if resonance is not None:
         quantities[RESONANCE] = resonance.quantity
     elif RESONANCE in (minimise, *(options.limits or ())):

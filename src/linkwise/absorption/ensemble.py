@@ -134,8 +134,8 @@ def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
     for name in (host.name for host in structure.hosts):
         rows.append((f"energy_reduction:{name}", "", f"reduction of the mean energy in {name}", False))
     for name in comparison.dissipators:
-        others = name not in comparison.absorbing
-        rows.append((f"share:{name}", "", f"energy dissipated by {name}", others))
+        least_is_best = name not in comparison.absorbing
+        rows.append((f"share:{name}", "", f"energy dissipated by {name}", least_is_best))
     rows += [(f"crossings:{link}", "", f"well crossings of {link}", False) for link in links]
     for link in comparison.options.harvesters or ():
         rows.append((f"power:{link}", "W", f"average power of the harvester on {link}", False))
@@ -189,8 +189,8 @@ def quantity_values(
     decays = Decay(schedule.times, run.d[:, links], rates[:, links])
     strokes = zip(comparison.sinks, decays.peak, strict=True)
     values |= {f"stroke:{sink.link}": peak for sink, peak in strokes}
-    for link, given in (comparison.options.harvesters or {}).items():
-        energy = run.delivered[link] if isinstance(given, str) else shares[f"{link}{SUFFIX}"] * total
+    for link, load in (comparison.options.harvesters or {}).items():
+        energy = run.delivered[link] if isinstance(load, str) else shares[f"{link}{SUFFIX}"] * total
         values[f"power:{link}"] = energy / schedule.end
     return values
 
@@ -206,15 +206,15 @@ def variants(
     def at(values: Mapping[str, float]) -> Comparison:
         numbers = {name: value for name, value in values.items() if ":" not in name}
         release = {name: value for name, value in values.items() if ":" in name}
-        own, drive = comparison.options, comparison.options.excitation
+        options, drive = comparison.options, comparison.options.excitation
         drive = replace(drive, release={**drive.release, **release}) if release else drive
         varied = structure.with_values(numbers) if numbers else comparison.structure
         baseline = comparison.baseline
         if changes:
-            left = without_sinks(varied, comparison.sinks, drive, own.without)
+            left = without_sinks(varied, comparison.sinks, drive, options.without)
             baseline = RunSchedule(*left, comparison.times)
         return replace(
-            comparison, structure=varied, baseline=baseline, options=replace(own, excitation=drive)
+            comparison, structure=varied, baseline=baseline, options=replace(options, excitation=drive)
         )
 
     return at

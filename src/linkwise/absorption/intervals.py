@@ -256,7 +256,7 @@ def absorption_intervals(
         absorption=absorption,
         draws=draws,
         seed=seed,
-        quantities=tuple(_interval(*column) for column in columns if column[0].name != "closure"),
+        quantities=tuple(_interval_of_draws(*column) for column in columns if column[0].name != "closure"),
         lower=lower,
         upper=upper,
         diverged=int(np.sum(~completed)),
@@ -265,7 +265,7 @@ def absorption_intervals(
     )
 
 
-def _interval(quantity: AbsorptionQuantity, value: float, drawn: Floats) -> QuantityInterval:
+def _interval_of_draws(quantity: AbsorptionQuantity, value: float, drawn: Floats) -> QuantityInterval:
     """The quantiles of the draws; a missing value, of what never happens, is larger than all others."""
     missing, ranked = int(np.sum(np.isnan(drawn))), np.where(np.isnan(drawn), np.inf, drawn)
     lower = np.quantile(ranked, _TAIL, method="lower")
@@ -292,12 +292,12 @@ def interval_rows(intervals: AbsorptionIntervals) -> Rows:
     """Each quantity at the identified values, and its interval."""
     rows: Rows = [("quantity", "identified", "95 % interval")]
     for own in intervals.quantities:
-        ends = _text(own, own.lower) + ("" if own.lower is None else f" to {_text(own, own.upper)}")
-        rows.append((own.quantity.title, _text(own, own.value), ends))
+        ends = _end_text(own, own.lower) + ("" if own.lower is None else f" to {_end_text(own, own.upper)}")
+        rows.append((own.quantity.title, _end_text(own, own.value), ends))
     return rows
 
 
-def _text(interval: QuantityInterval, value: float | None) -> str:
+def _end_text(interval: QuantityInterval, value: float | None) -> str:
     if value is None:
         return "never" if interval.quantity.name.startswith("settled") else "-"
     return interval.quantity.text(value)

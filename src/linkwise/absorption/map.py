@@ -372,8 +372,8 @@ def parameter_unit(structure: Structure, name: str) -> str:
 def comparison_at(structure: Structure, point: Mapping[str, float], options: AbsorptionOptions) -> Comparison:
     """The comparison at one point of a grid; where sinks are not named, those of the structure are they."""
     release = {name: value for name, value in point.items() if ":" in name}
-    own = (name for name in point if ":" not in name and not Name.parse(name).owner.endswith(SUFFIX))
-    numbers = {name: point[name] for name in own}
+    coefficients = (name for name in point if ":" not in name and not Name.parse(name).owner.endswith(SUFFIX))
+    numbers = {name: point[name] for name in coefficients}
     at_point = structure.with_values(numbers)
     known = all(structure.coefficient(name).value is not None for name in numbers)
     sinks = options.sinks or [sink.link for sink in find_sinks(structure if known else at_point)]

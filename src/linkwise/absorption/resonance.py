@@ -103,7 +103,7 @@ def _largest_amplitude(resonance: Resonance, factor: float, structure: Structure
     largest = []
     for level in response.levels:
         sizes = [branch.amplitude[branch.stable].max() for branch in level.branches if branch.stable.any()]
-        sizes += [0.5 * (own.upper - own.lower).max() for own in level.irregular]
+        sizes += [0.5 * (motion.upper - motion.lower).max() for motion in level.irregular]
         largest.append(max(sizes, default=np.nan))
     return float(np.max(largest))
 

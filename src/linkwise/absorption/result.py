@@ -274,7 +274,7 @@ class Absorption(JudgedView):
     def settled(self) -> tuple[float | None, float | None]:
         """Times in s at which the last primary mass has settled, with and without sinks; None if one does not."""
         with_sinks = [mass.with_sinks.settled for mass in self.masses]
-        return _last(with_sinks), _last([mass.without.settled for mass in self.masses])
+        return _last_time(with_sinks), _last_time([mass.without.settled for mass in self.masses])
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -362,7 +362,7 @@ class Absorption(JudgedView):
         tables = [(mass_rows(self), "masses"), (energy_rows(self), "links"), (crossing_rows(self), "sinks")]
         if self.harvests:
             tables.append((harvest_rows(self), "harvesters"))
-        blocks += [_table(rows, contents) for rows, contents in tables]
+        blocks += [_shortened_table(rows, contents) for rows, contents in tables]
         if self.findings:
             blocks.append("\n".join(map(remark_lines, self.findings)))
         return "\n\n".join(blocks)
@@ -381,7 +381,7 @@ def _exceeds(absorption: Absorption, harvest: Harvest) -> bool:
     return not -_INTEGRATED * abs(share) <= harvest.share <= (1.0 + _INTEGRATED) * abs(share)
 
 
-def _last(times: list[float | None]) -> float | None:
+def _last_time(times: list[float | None]) -> float | None:
     return None if None in times else max(time for time in times if time is not None)
 
 
@@ -491,7 +491,7 @@ def harvest_rows(absorption: Absorption) -> Rows:
     return rows
 
 
-def _table(rows: Rows, contents: str) -> str:
+def _shortened_table(rows: Rows, contents: str) -> str:
     """Rows in columns; only the first of very many."""
     shown = [(*row, "") for row in rows[: _MANY + 4]]
     hidden = len(rows) - len(shown)

@@ -117,7 +117,7 @@ def crossings(schedule: RunSchedule, run: RunLog, tops: Sequence[Floats]) -> tup
 
     A link that starts on a top does not cross it by leaving it.
     """
-    if not any(len(some) for some in tops):
+    if not any(len(link_tops) for link_tops in tops):
         return tuple(np.empty(0) for _ in tops)
     steps: list[float] = []
     integrate(schedule, schedule.times[-1:], options=RunOptions(repeated=run, log=steps))
@@ -174,13 +174,13 @@ def _roots_of_cubics(
     edges: Floats, d: Floats, rate: Floats, tops: Sequence[Floats]
 ) -> tuple[Indices, Floats, Floats]:
     """Link, top in m and time in s of every root of the cubics through `d` and `rate` at the `edges`."""
-    found = []
-    for link, some in enumerate(tops):
+    rows = []
+    for link, link_tops in enumerate(tops):
         cubics = scipy.interpolate.CubicHermiteSpline(edges, d[:, link], rate[:, link])
-        for top in some.tolist():
+        for top in link_tops.tolist():
             times = cubics.solve(top, extrapolate=False)
-            found += [(link, top, time) for time in times[np.isfinite(times)].tolist()]
-    links, levels, roots = np.array(found).reshape(-1, 3).T
+            rows += [(link, top, time) for time in times[np.isfinite(times)].tolist()]
+    links, levels, roots = np.array(rows).reshape(-1, 3).T
     return links.astype(np.intp), levels, roots
 
 
@@ -482,7 +482,7 @@ class AbsorptionRun:
         StructureError
             If there is no such host.
         """
-        hosts, energy = {own.name: own for own in self.structure.hosts}, np.zeros(len(self.x))
+        hosts, energy = {host.name: host for host in self.structure.hosts}, np.zeros(len(self.x))
         for mode in index_of(hosts, host, "host", "hosts").coordinates:
             number, link = self.structure.mass_names.index(mode), self.structure.link(mode)
             energy += 0.5 * self.v[:, number] ** 2 + link.potential(self.x[:, number])
@@ -491,7 +491,7 @@ class AbsorptionRun:
 
 def decay_of(run: AbsorptionRun) -> Decay:
     """The excursions (N, P) of the primary masses of a run from where they come to rest."""
-    x, v = (place_motion(run.structure, own, run.primaries) for own in (run.x, run.v))
+    x, v = (place_motion(run.structure, motion, run.primaries) for motion in (run.x, run.v))
     return Decay(run._schedule.times, x - run.rest, v)
 
 

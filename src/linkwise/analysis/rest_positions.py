@@ -176,7 +176,7 @@ def equilibria(
             raise StructureError(message)
         size, note = float(np.abs(starts).max()), "searched from the given start points only"
         return _from_starts(network, starts, size, note)
-    rests = _rests(network.bonds, reach)
+    rests = _bond_rests(network.bonds, reach)
     count = prod(len(rest) or 1 for rest in rests)
     many = str(count) if count < 10**6 else f"1e{len(str(count)) - 1}"
     used = f"only {limit} of {many} combinations of rest points were used, wells first"
@@ -185,8 +185,8 @@ def equilibria(
     places = np.array([[point.d if point else 0.0 for point in choice] for choice in choices])
     places = places.reshape(len(choices), -1)
     if rests and network.free == structure.size - len(rests):
-        return _of_tree(network, rests, choices, places, cut)
-    weights = _weights(rests)[:, None]
+        return _of_products(network, rests, choices, places, cut)
+    weights = _rest_weights(rests)[:, None]
     starts = np.linalg.lstsq(weights * network.incidence.T, weights * places.T, rcond=None)[0].T
     searched = (
         f"the links form a cycle, so Newton's method searched from {len(starts)} combinations of rest points"
@@ -226,7 +226,7 @@ class _Network:
         """Number of groups of masses that are connected to each other but not to the ground; each has a rigid-body motion."""
         ground = len(self.incidence)
         masses = [[mass for mass, _ in bond.weights] for bond in self.bonds]
-        chains = [[ground, *own] if len(own) == 1 else own for own in masses]
+        chains = [[ground, *ends] if len(ends) == 1 else ends for ends in masses]
         joined = [pair for chain in chains for pair in pairwise(chain)]
         first, second = ([pair[end] for pair in joined] for end in (0, 1))
         graph = csr_array((np.ones(len(joined)), (first, second)), shape=(ground + 1, ground + 1))
@@ -248,7 +248,7 @@ class _Network:
         return (self.incidence * self.each(_Bond.slope, x)[:, None]) @ self.incidence.T
 
 
-def _rests(bonds: Sequence[_Bond], reach: tuple[float, float] | None) -> list[tuple[RestPoint, ...]]:
+def _bond_rests(bonds: Sequence[_Bond], reach: tuple[float, float] | None) -> list[tuple[RestPoint, ...]]:
     lo, hi = (None, None) if reach is None else reach
     known: dict[Hashable, tuple[RestPoint, ...]] = {}  # equal bonds are searched once
     for bond in bonds:
@@ -273,14 +273,14 @@ def _wells_first(rests: Sequence[tuple[RestPoint, ...]]) -> Iterator[tuple[RestP
             yield from product(*(points or (None,) for points in allowed))
 
 
-def _weights(rests: Sequence[tuple[RestPoint, ...]]) -> Floats:
+def _rest_weights(rests: Sequence[tuple[RestPoint, ...]]) -> Floats:
     """Weight (bonds,) of the rest point of each bond against the others: the root of its stiffness there."""
     stiffest = [max((abs(point.stiffness) for point in rest), default=0.0) for rest in rests]
     largest = max(stiffest, default=0.0) or 1.0
     return np.sqrt(np.maximum(np.array(stiffest) / largest, [1e-12 if rest else 0.0 for rest in rests]))
 
 
-def _of_tree(
+def _of_products(
     network: _Network,
     rests: Sequence[tuple[RestPoint, ...]],
     choices: Sequence[tuple[RestPoint | None, ...]],
@@ -302,7 +302,7 @@ def _of_tree(
         flat = int(np.sum(np.abs(k) <= _NEUTRAL * np.abs(k).max()))
         stable = all(point.well for point in choice if point)
         points.append(Equilibrium(x[row], stable, float(energy[row]), free + flat))
-    return Equilibria(_sorted(points), not cut, "; ".join(filter(None, [cut, _floating(free)])))
+    return Equilibria(_stable_first(points), not cut, "; ".join(filter(None, [cut, _rigid_body_note(free)])))
 
 
 def _from_starts(network: _Network, starts: Floats, size: float, note: str) -> Equilibria:
@@ -324,8 +324,8 @@ def _from_starts(network: _Network, starts: Floats, size: float, note: str) -> E
         stable, neutral = bool(np.all(values >= -threshold)), int(np.sum(np.abs(values) <= threshold))
         points.append(Equilibrium(place, stable, energy, neutral))
     failed = f"{int(np.sum(~done))} of {len(done)} searches did not converge" if not done.all() else ""
-    notes = "; ".join(filter(None, [note, failed, _floating(network.free)]))
-    return Equilibria(_sorted(points), False, notes)
+    notes = "; ".join(filter(None, [note, failed, _rigid_body_note(network.free)]))
+    return Equilibria(_stable_first(points), False, notes)
 
 
 def _newton(network: _Network, x: Floats, size: float) -> tuple[Floats, Bools]:
@@ -356,13 +356,13 @@ def _newton(network: _Network, x: Floats, size: float) -> tuple[Floats, Bools]:
     return x, done
 
 
-def _sorted(points: Sequence[Equilibrium]) -> tuple[Equilibrium, ...]:
+def _stable_first(points: Sequence[Equilibrium]) -> tuple[Equilibrium, ...]:
     """Stable ones first, then by energy, then by displacement; energies equal up to rounding count as equal."""
     unit = max((abs(point.energy) for point in points), default=0.0) * 1e-9 or 1.0
     return tuple(sorted(points, key=lambda one: (not one.stable, round(one.energy / unit), tuple(one.x))))
 
 
-def _floating(free: int) -> str:
+def _rigid_body_note(free: int) -> str:
     motions = f"{free} rigid-body motion{'s' if free > 1 else ''} without elastic resistance"
     return f"{motions}; displacements are those with the least sum of squares" if free else ""
 

@@ -65,10 +65,10 @@ class RepetitionOptions:
 
     def axes(self) -> dict[str, list[float]]:
         """Values of each swept parameter."""
-        return {name: _values(text) for name, text in pairs(self.sweep, "--sweep", EXAMPLE).items()}
+        return {name: _swept_values(text) for name, text in pairs(self.sweep, "--sweep", EXAMPLE).items()}
 
 
-def _values(text: str) -> list[float]:
+def _swept_values(text: str) -> list[float]:
     """`FROM:TO:COUNT`, steps equal in difference, or with `:log` in ratio."""
     parts = text.split(":")
     if len(parts) not in (3, 4) or parts[3:] not in ([], ["log"]):

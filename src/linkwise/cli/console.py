@@ -54,12 +54,12 @@ def tell(message: str) -> None:
 
 def note(*remarks: str) -> None:
     """Tell what there is to know beside a result, each remark as a note."""
-    told = _TOLD.get()
+    noted = _TOLD.get()
     for remark in remarks:
-        if told is None or remark not in told:
+        if noted is None or remark not in noted:
             tell(f"note: {remark}")
-    if told is not None:
-        told.update(remarks)
+    if noted is not None:
+        noted.update(remarks)
 
 
 @contextmanager

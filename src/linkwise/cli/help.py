@@ -49,7 +49,7 @@ def help(ctx: click.Context, topic: str) -> None:
         click.echo(reading.get_help(click.Context(reading, info_name="... RECORD")))
     elif isinstance(group, click.Group) and topic in group.commands:
         parameters = group.commands[topic].params
-        every = "--help-all" if any("--help-all" in one.opts for one in parameters) else "--help"
+        every = "--help-all" if any("--help-all" in parameter.opts for parameter in parameters) else "--help"
         group.main([topic, every], prog_name="linkwise", standalone_mode=False)
     elif not topic and ctx.parent is not None:
         click.echo(ctx.parent.get_help())

@@ -97,8 +97,8 @@ def gathered(
     def decorate(command: Callable[..., R]) -> Callable[..., R]:
         @wraps(command)
         def wrapped(**values: Any) -> R:
-            own = {name: values.pop(name) for name in names}
-            return command(**{keyword: make(own)}, **values)
+            group_values = {name: values.pop(name) for name in names}
+            return command(**{keyword: make(group_values)}, **values)
 
         for option in reversed(options):
             wrapped = option(wrapped)
@@ -200,7 +200,7 @@ def _pairs(about: Mapping[str, Any]) -> Callable[..., dict[str, Any] | None]:
         for text in texts:
             if "=" in text or "[=" not in about["typed"]:
                 name, value = split(text, option.opts[0], about["example"])
-                values: dict[str, Any] = {name: _value(text, name, value, about, option.opts[0])}
+                values: dict[str, Any] = {name: _stated_value(text, name, value, about, option.opts[0])}
             else:
                 values = dict.fromkeys(part.strip() for part in text.split(","))
             for name, one in values.items():
@@ -212,7 +212,7 @@ def _pairs(about: Mapping[str, Any]) -> Callable[..., dict[str, Any] | None]:
     return read
 
 
-def _value(text: str, name: str, value: str, about: Mapping[str, Any], flag: str) -> float | str:
+def _stated_value(text: str, name: str, value: str, about: Mapping[str, Any], flag: str) -> float | str:
     """A plain number, or one with a unit of its own; without a unit in the metadata any other text as it is."""
     unit = about.get("unit")
     if unit == "%":
@@ -322,13 +322,13 @@ def ranges(
     texts: Iterable[str], option: str, example: str, form: str = "FROM:TO"
 ) -> dict[str, tuple[float, float]]:
     """Repeated `NAME=FROM:TO`, or with the ends called otherwise in `form`; anything else is wrong usage."""
-    found = {}
+    limits = {}
     for name, text in pairs(texts, option, example).items():
         if text.count(":") != 1:
             raise UsageError(f"{option}: {text!r} is not {form}, as in {option} {example}.")
         low, high = (number(end, option, example) for end in text.split(":"))
-        found[name] = (low, high)
-    return found
+        limits[name] = (low, high)
+    return limits
 
 
 def file_and_column(text: str) -> tuple[Path | None, str]:

@@ -160,7 +160,7 @@ class ReadingOptions:
             elif mass != "unknown":
                 own, stated = structure.mass(name), lw.Mass(name, *link.mass_in_si(mass))
                 if own.mass.known and (own.mass.value, own.unit) != (stated.mass.value, stated.unit):
-                    there, here = (f"{one.mass.value} {one.mass_unit}" for one in (stated, own))
+                    there, here = (f"{mass.mass.value} {mass.mass_unit}" for mass in (stated, own))
                     sentences.append(
                         f"{name} weighs {there} in the mapping file and {here} in the structure, which counts."
                     )

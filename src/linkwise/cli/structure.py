@@ -158,7 +158,7 @@ def _parsed(law: lw.model.NamedLaw) -> lw.Law:
 
 def _law_document(law: lw.model.NamedLaw) -> dict[str, Any]:
     parsed = _parsed(law)
-    rates = {key: {"rate": one.rate, "unit": parsed.state_units[key]} for key, one in law.states.items()}
+    rates = {key: {"rate": state.rate, "unit": parsed.state_units[key]} for key, state in law.states.items()}
     about = {key: {"unit": unit, "meaning": law.coefficients[key]} for key, unit in parsed.units.items()}
     document = {"title": law.title, "law": law.law, "states": rates, "coefficients": about}
     return {**document, "source": law.source}

@@ -505,7 +505,7 @@ class SensorErrorEstimate:
             Its part of result.json.
         """
         document = dict(vars(self))
-        return document if self.source else {key: each for key, each in document.items() if key != "source"}
+        return document if self.source else {key: value for key, value in document.items() if key != "source"}
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class ForceCurve:
     def frame(self) -> tuple[float, float]:
         """Smallest and largest force of the curves in N, with a margin."""
         curves = [self.force, self.lower, self.upper]
-        return _frame(curves if self.true is None else [*curves, self.true])
+        return _force_limits(curves if self.true is None else [*curves, self.true])
 
     @property
     def outside(self) -> float:
@@ -76,7 +76,7 @@ class ForceCurve:
         near = (self.d >= low) & (self.d <= high)
         if high - low > 0.8 * (self.d[-1] - self.d[0]) or near.sum() < 10:
             return None
-        return (low, high), _frame([self.force[near], self.lower[near], self.upper[near]])
+        return (low, high), _force_limits([self.force[near], self.lower[near], self.upper[near]])
 
 
 def force_curve(estimate: Estimate, name: str, truth: Structure | None = None) -> ForceCurve:
@@ -100,14 +100,14 @@ def force_curve(estimate: Estimate, name: str, truth: Structure | None = None) -
         upper=upper,
         visited=(low, high),
         wells=tuple(well.value for well in link.wells),
-        true=None if known_truth is None else _elastic(known_truth.link(name), d),
+        true=None if known_truth is None else _elastic_force(known_truth.link(name), d),
         sample_d=sample_d,
         sample_force=sample_force,
         samples_are_true=simulated is not None,
     )
 
 
-def _elastic(link: Link, d: Floats) -> Floats:
+def _elastic_force(link: Link, d: Floats) -> Floats:
     """Force in N at rest; with memory, at states of 0."""
     return link.force(d, 0.0, link.zero_states)
 
@@ -140,12 +140,12 @@ def _samples(estimate: Estimate, name: str, simulated: SimulationTruth | None) -
         identified = link.force(d, v, states) if with_memory is None else with_memory[:, index]
     else:
         return np.empty(0), np.empty(0)
-    elastic = force - (identified - _elastic(link, d))
+    elastic = force - (identified - _elastic_force(link, d))
     finite = np.isfinite(elastic) & np.isfinite(d)
     return d[finite], elastic[finite]
 
 
-def _frame(curves: list[Floats]) -> tuple[float, float]:
+def _force_limits(curves: list[Floats]) -> tuple[float, float]:
     """Smallest and largest force of the curves, with a margin."""
     finite = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
     low, high = float(finite.min()), float(finite.max())
@@ -197,8 +197,8 @@ class ForceLoop:
         low, high = float(np.nanmin(self.d)), float(np.nanmax(self.d))
         middle, band = 0.5 * (low + high), 0.05 * (high - low)
         side = np.where(self.d < middle - band, -1, np.where(self.d >= middle, 1, 0))
-        told = np.flatnonzero(side)
-        rises: list[int] = told[1:][np.diff(side[told]) > 0].tolist()
+        outside = np.flatnonzero(side)
+        rises: list[int] = outside[1:][np.diff(side[outside]) > 0].tolist()
         return rises
 
 
@@ -236,8 +236,8 @@ def fitted_channels(estimate: Estimate) -> dict[str, tuple[Floats, Floats]]:
     motion, record = estimate.motion, estimate.record
     if motion.residuals:
         scaled = ((name, estimate.noise[name].sigma * one) for name, one in motion.residuals.items())
-        left = ((record.channel(name), name, one[: len(record)]) for name, one in scaled)
-        return {name: (samples, samples - one) for samples, name, one in left}
+        left = ((record.channel(name), name, residuals[: len(record)]) for name, residuals in scaled)
+        return {name: (samples, samples - residuals) for samples, name, residuals in left}
     if motion.measured_force is None or motion.identified_force is None:
         return {}
     names = [f"f:{link.name}" for link in motion.structure.links]

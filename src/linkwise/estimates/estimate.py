@@ -64,15 +64,15 @@ else:  # not a requirement
 def coefficient_document(coefficient: CoefficientEstimate) -> dict[str, Any]:
     """A coefficient as plain data: value, unit and, of unknown ones, standard error and interval."""
     document = {"value": coefficient.value, "unit": coefficient.unit, "known": coefficient.known}
-    found = {"standard_error": coefficient.standard_error, "interval": _ends(coefficient.interval)}
-    return document if coefficient.known else document | found
+    uncertainty = {"standard_error": coefficient.standard_error, "interval": _ends(coefficient.interval)}
+    return document if coefficient.known else document | uncertainty
 
 
 def _ends(interval: tuple[float, float] | None) -> list[float] | None:
     return None if interval is None else list(interval)
 
 
-def _derived(quantity: DerivedQuantity) -> dict[str, Any]:
+def _derived_document(quantity: DerivedQuantity) -> dict[str, Any]:
     return {"value": quantity.value, "unit": quantity.unit, "interval": _ends(quantity.interval)}
 
 
@@ -93,9 +93,9 @@ def link_document(link: LinkEstimate) -> dict[str, Any]:
         document["states"] = {rate.name: {"rate": rate.text, "unit": units[rate.name]} for rate in rates}
     if link.wells:
         document["wells"] = [{"d": well.value, "interval": _ends(well.interval)} for well in link.wells]
-        document["in_well_frequencies"] = [_derived(frequency) for frequency in link.frequencies]
+        document["in_well_frequencies"] = [_derived_document(frequency) for frequency in link.frequencies]
     if link.barrier is not None:
-        document["barrier"] = _derived(link.barrier)
+        document["barrier"] = _derived_document(link.barrier)
     return document
 
 
@@ -480,12 +480,12 @@ class Estimate(JudgedView):
         for cause in (cause for cause in other.added if cause.is_instrument):
             asked.append(f"{cause.where}, {cause.known_to}" if cause.known_within else cause.asked)
         unknown = ((name, c) for name, c in other._coefficients.items() if not c.known)
-        told = [cause.label.partition("; try ")[0] for cause in other.added if not cause.known_within]
+        labels = [cause.label.partition("; try ")[0] for cause in other.added if not cause.known_within]
         several = (cause for cause in other.added if cause.known_within and cause.size)
         open_ = [replace(cause, known_within=0.0).label for cause in several]
-        told += [" or ".join(open_)] if open_ else []
+        labels += [" or ".join(open_)] if open_ else []
         return (
-            f"With {' and '.join(told)} only noise is left: a second answer, to",
+            f"With {' and '.join(labels)} only noise is left: a second answer, to",
             asked,
             [COEFFICIENT_HEAD, *(coefficient_row(c, name) for name, c in unknown)],
         )
@@ -527,7 +527,7 @@ class Estimate(JudgedView):
         return table.astype(dict.fromkeys(columns[:4], float))
 
     def __str__(self) -> str:
-        blocks = [_verdict(self), _noise(self)]
+        blocks = [_verdict_text(self), _noise_text(self)]
         unknown = [mass for mass in self.masses if not mass.known]
         of_modes = [c for mode in self.modes if mode.free for c in mode.coefficients]
         for title, shown in (("masses", unknown), ("modes", of_modes)):
@@ -535,15 +535,15 @@ class Estimate(JudgedView):
             if rows:
                 blocks.append("\n".join([title, *align_columns([COEFFICIENT_HEAD, *rows])]))
         if self.shapes:
-            blocks.append(_shapes(self))
+            blocks.append(_shapes_text(self))
         links = [link for link in self.links if link.free]
         blocks += [str(link) for link in links[:_MANY]]
         if len(links) > _MANY:
             blocks.append(f"... and {len(links) - _MANY} more links; the result folder lists all of them")
         if self.profile_intervals:
-            blocks.append(_profiles(self))
+            blocks.append(_profiles_text(self))
         if len(self.diagnosis) > 1:
-            blocks.append(_diagnosis(self))
+            blocks.append(_diagnosis_text(self))
         title, asked, rows = self.second_answer
         if rows:
             blocks.append("\n".join([title, *(f"  {line}" for line in asked), *align_columns(rows)]))
@@ -564,8 +564,8 @@ class Estimate(JudgedView):
         number = self._parameter_index.get((index, name.key))
         if number is None:
             return CoefficientEstimate(name, value, unit, known=True)
-        told = self.grade is not Grade.REFUSED and self.free[number]
-        if not told or name.owner in self.links_in_doubt:
+        is_given = self.grade is not Grade.REFUSED and self.free[number]
+        if not is_given or name.owner in self.links_in_doubt:
             return CoefficientEstimate(name, value, unit, known=False)
         error = float(np.sqrt(max(self.covariance[number, number], 0.0)))
         half = NORMAL_95 * error
@@ -674,7 +674,7 @@ _CAUSES = 4  # of what is left, that are shown
 _DIFFERS = 0.1
 
 
-def _verdict(estimate: Estimate) -> str:
+def _verdict_text(estimate: Estimate) -> str:
     value = estimate.chi_square_per_sample
     chi = "" if value is None else f", chi-square {format_chi_square(value)}"
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {estimate.grade.trust}"
@@ -682,7 +682,7 @@ def _verdict(estimate: Estimate) -> str:
     return f"{head}\n{paragraph(summary)}"
 
 
-def _shapes(estimate: Estimate) -> str:
+def _shapes_text(estimate: Estimate) -> str:
     """The shapes that moved farthest from what was known of them, in its standard deviations."""
     known = {p.name: (p.start or 0.0, p.sigma) for p in estimate.parameters}
 
@@ -701,12 +701,12 @@ def _shapes(estimate: Estimate) -> str:
     return "\n".join(lines)
 
 
-def _diagnosis(estimate: Estimate) -> str:
+def _diagnosis_text(estimate: Estimate) -> str:
     rows = [(cause.description, f"{cause.gain:.3g}") for cause in estimate.diagnosis[:_CAUSES]]
     return "\n".join(align_columns([("what is left would be explained by", "gain"), *rows]))
 
 
-def _profiles(estimate: Estimate) -> str:
+def _profiles_text(estimate: Estimate) -> str:
     """Profile intervals, with a mark on those that differ from the intervals of the standard errors."""
     rows = []
     for name, ends in estimate.profile_intervals.items():
@@ -720,7 +720,7 @@ def _profiles(estimate: Estimate) -> str:
     return "\n".join(["95 % intervals that follow the likelihood (profiles)", *align_columns(rows)])
 
 
-def _noise(estimate: Estimate) -> str:
+def _noise_text(estimate: Estimate) -> str:
     channels = list(estimate.noise.items())
     rows = [("noise", "deviation", "signal/noise")]
     for name, noise in channels[:_MANY]:

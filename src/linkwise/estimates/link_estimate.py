@@ -230,8 +230,8 @@ class LinkEstimate(NotebookView):
     def wells(self) -> tuple[DerivedQuantity, ...]:
         """Stable equilibria in m of a law with two wells or more; empty for others."""
         positions, unit = self._searched(wells) or (), self.link.law.motion_units[0]
-        found = (self._derived("well", unit, value, partial(_well_near, value)) for value in positions)
-        return tuple(found) if len(positions) > 1 else ()
+        derived = (self._derived("well", unit, value, partial(_well_near, value)) for value in positions)
+        return tuple(derived) if len(positions) > 1 else ()
 
     @cached_property
     def barrier(self) -> DerivedQuantity | None:

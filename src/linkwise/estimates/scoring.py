@@ -171,13 +171,33 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
     return Structure(truth.name, masses, tuple(links), truth.hosts)
 
 
+def _compared(discovered: Structure, truth: Structure) -> tuple[list[_ComparedTerm], list[_ComparedTerm]]:
+    """The terms of both that are not 0, written for the order of ends of the discovered links; modes have none.
+
+    Raises StructureError if the two cannot be compared.
+    """
+    refuse_memory((*discovered.links, *truth.links), COMPARISON)
+    missing = [name for name in discovered.mass_names if name not in truth.mass_names]
+    if missing:
+        raise StructureError(
+            f"the true structure does not have the mass {', '.join(missing)}, so the two cannot be compared; it has "
+            f"{', '.join(truth.mass_names)}"
+        )
+    orientation = {frozenset(link.between): link.between for link in discovered.links}
+    ours, theirs = (
+        [term for link in _joints(structure) for term in _terms(link, orientation) if term.value != 0.0]
+        for structure in (discovered, truth)
+    )
+    return ours, theirs
+
+
 def _true_link(link: Link, theirs: list[_ComparedTerm]) -> Link:
     """`link` with the true coefficients, and with the true terms that it lacks."""
     values = dict.fromkeys(link.law.linear, 0.0) | {name: link.values[name] for name in link.law.nonlinear}
     ours = list(_terms(link, {}))
     text = link.law.text
     for term in theirs:
-        matches = [(own, factor) for own in ours if (factor := _factor(own, term)) is not None]
+        matches = [(our, factor) for our in ours if (factor := _factor(our, term)) is not None]
         if matches:
             own, factor = matches[0]
             name = own.name.key
@@ -234,7 +254,7 @@ def _factor(ours: _ComparedTerm, theirs: _ComparedTerm) -> float | None:
     return factor if factor != 0.0 and error <= tolerance * float(np.abs(theirs.samples).max()) else None
 
 
-def _mechanical(structure: Structure) -> list[Link]:
+def _joints(structure: Structure) -> list[Link]:
     """The links that are no modes."""
     return [link for link in structure.links if link.name not in structure.modes]
 
@@ -242,24 +262,4 @@ def _mechanical(structure: Structure) -> list[Link]:
 def _links_elsewhere(structure: Structure, terms: list[_ComparedTerm]) -> tuple[str, ...]:
     """The names of the links between whose ends there is none of some terms."""
     ends = {term.ends for term in terms}
-    return tuple(link.name for link in _mechanical(structure) if frozenset(link.between) not in ends)
-
-
-def _compared(discovered: Structure, truth: Structure) -> tuple[list[_ComparedTerm], list[_ComparedTerm]]:
-    """The terms of both that are not 0, written for the order of ends of the discovered links; modes have none.
-
-    Raises StructureError if the two cannot be compared.
-    """
-    refuse_memory((*discovered.links, *truth.links), COMPARISON)
-    missing = [name for name in discovered.mass_names if name not in truth.mass_names]
-    if missing:
-        raise StructureError(
-            f"the true structure does not have the mass {', '.join(missing)}, so the two cannot be compared; it has "
-            f"{', '.join(truth.mass_names)}"
-        )
-    orientation = {frozenset(link.between): link.between for link in discovered.links}
-    ours, theirs = (
-        [term for link in _mechanical(structure) for term in _terms(link, orientation) if term.value != 0.0]
-        for structure in (discovered, truth)
-    )
-    return ours, theirs
+    return tuple(link.name for link in _joints(structure) if frozenset(link.between) not in ends)

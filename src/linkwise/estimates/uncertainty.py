@@ -285,10 +285,10 @@ def read_posterior(folder: str | Path) -> Posterior:
         with path.open(encoding="utf-8", newline="") as file:
             lines = list(csv.reader(file))
     except OSError:
-        raise RecordError(_missing(folder), path) from None
+        raise RecordError(_why_no_covariance(folder), path) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise RecordError(f"is damaged ({error}); identify the record again", path) from None
-    entries = [_entry(path, number, line) for number, line in enumerate(lines[1:], start=2)]
+    entries = [_covariance_entry(path, number, line) for number, line in enumerate(lines[1:], start=2)]
     names = tuple(dict.fromkeys(first for first, *_ in entries))
     index = {name: number for number, name in enumerate(names)}
     parts = np.zeros((2, len(names), len(names)))
@@ -335,7 +335,7 @@ def _require_unedited(folder: Path, structure: Structure) -> None:
         )
 
 
-def _entry(path: Path, number: int, line: list[str]) -> tuple[Name, Name, float, float]:
+def _covariance_entry(path: Path, number: int, line: list[str]) -> tuple[Name, Name, float, float]:
     """Two names, their covariance, and the part of it for dropped terms."""
     try:
         first, second, value, dropped = [*line, "0"] if len(line) == len(_HEADER) else line
@@ -346,7 +346,7 @@ def _entry(path: Path, number: int, line: list[str]) -> tuple[Name, Name, float,
         raise RecordError(message, path, number) from None
 
 
-def _missing(folder: Path) -> str:
+def _why_no_covariance(folder: Path) -> str:
     """Why there is no covariance in a folder, and what to do."""
     try:
         result = json.loads((folder / RESULT).read_text(encoding="utf-8"))

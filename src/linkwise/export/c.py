@@ -29,9 +29,9 @@ def source(equations: EquationsOfMotion) -> str:
     """The text of the file."""
     names = equations.identifiers(KEYWORDS)
     functions = []
-    for own, assignments, columns in equations.functions:
-        lines = _notation(columns).lines(assignments, equations.arrays, names, f"    {_RESULTS[own]}")
-        functions.append((own, _RESULTS[own], columns, "\n".join(lines)))
+    for function, assignments, columns in equations.functions:
+        lines = _notation(columns).lines(assignments, equations.arrays, names, f"    {_RESULTS[function]}")
+        functions.append((function, _RESULTS[function], columns, "\n".join(lines)))
     written = {"comment": _comment, "strings": _strings, "numbers": _numbers, "functions": functions}
     return rendered("equations.c.jinja", equations=equations, **written)
 

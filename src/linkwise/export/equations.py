@@ -188,7 +188,7 @@ class EquationsOfMotion:
     def parameters(self) -> dict[str, float]:
         """The value of each mass and coefficient (P,), those once that are shared."""
         every = {f"{entry.owner}.{entry.name}": entry.value for entry in self.answer.coefficients}
-        left_out = {f"{name}.{MASS}" for name in self.structure.modes} | set(self._sharing)
+        left_out = {f"{name}.{MASS}" for name in self.structure.modes} | set(self.structure.leaders)
         return {name: value for name, value in every.items() if name not in left_out}
 
     @cached_property
@@ -252,10 +252,10 @@ class EquationsOfMotion:
         """Those of the rates by the symbols of `columns`, by the chain rule over what links give and how they move."""
         entries: dict[Place, list[Expression]] = {}
         for row, rate in enumerate(self._rates):
-            for of in symbols(rate):
-                outer = differentiate(rate, of)
-                for by, (slope, _) in self._slopes.get(of, {of: (ONE, ONE)}).items():
-                    moved = self._values.get(by, Symbol(by))
+            for given in symbols(rate):
+                outer = differentiate(rate, given)
+                for variable, (slope, _) in self._slopes.get(given, {given: (ONE, ONE)}).items():
+                    moved = self._values.get(variable, Symbol(variable))
                     for name in set(columns).intersection(symbols(moved)):
                         product = multiply(outer, slope, differentiate(moved, name))
                         entries.setdefault((row, columns.index(name)), []).append(product)
@@ -264,24 +264,15 @@ class EquationsOfMotion:
         values = {place: tree for place, tree in sums if tree != ZERO}
         return Assignments.of(self._values | slopes, values, self._notes)
 
-    @cached_property
-    def _sharing(self) -> dict[str, str]:
-        """The coefficient that one is equal to, by name."""
-        own = {f"{mass.name}.{MASS}": mass.mass for mass in self.structure.masses}
-        for link in self.structure.links:
-            own |= {f"{link.name}.{key}": value for key, value in link.coefficients.items()}
-        return {name: value.same_as for name, value in own.items() if value.same_as is not None}
-
     def _leader(self, name: str) -> str:
-        while name in self._sharing:
-            name = self._sharing[name]
-        return name
+        """The name of the parameter that has the value of a coefficient, itself unless it is shared."""
+        return self.structure.leaders.get(name, name)
 
     @cached_property
     def _masses(self) -> list[Expression]:
         """The symbol of each mass (n,); of a mode the number 1."""
         names, modes = self.structure.mass_names, self.structure.modes
-        return [Number(1.0) if one in modes else Symbol(self._leader(f"{one}.{MASS}")) for one in names]
+        return [Number(1.0) if name in modes else Symbol(self._leader(f"{name}.{MASS}")) for name in names]
 
     @cached_property
     def _driven(self) -> dict[str, Weights]:

@@ -115,9 +115,9 @@ def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None
     _check_name(name)
     names = equations.identifiers((*_KEYWORDS, *FUNCTIONS, *_OWN))
     functions = []
-    for own, assignments, columns in equations.functions:
+    for function, assignments, columns in equations.functions:
         lines = _NOTATION.lines(assignments, equations.arrays, names, "result")
-        functions.append(("rates" if own == "rhs" else own, columns, "\n".join(lines)))
+        functions.append(("rates" if function == "rhs" else function, columns, "\n".join(lines)))
     text = _rendered("equations.m.jinja", name, equations=equations, functions=functions)
     path.write_text(text, encoding="utf-8", newline="\n")
 

@@ -104,8 +104,8 @@ class _Parser:
 
     def __init__(self, text: str, variables: tuple[str, ...], functions: Iterable[str]) -> None:
         self.text, self.variables, self.functions = text, variables, tuple(functions)
-        found = (_Token(match.lastgroup or "end", match[0], match.start()) for match in _TOKEN.finditer(text))
-        self.tokens = list(found)
+        matches = _TOKEN.finditer(text)
+        self.tokens = [_Token(match.lastgroup or "end", match[0], match.start()) for match in matches]
         self.last, self.next = _Token("", "", 0), self.tokens.pop(0)
         # positions of open parentheses, and whether each is that of a call
         self.open: list[tuple[int, bool]] = []

@@ -184,12 +184,12 @@ def read_table(path: Path, header: str | int | None) -> Table:
         if isinstance(error, MemoryError):
             reason = "it states more numbers than memory holds"
         raise RecordError(f"cannot be read as a {path.suffix} file: {reason}", path) from error
-    told = dict.fromkeys(
+    warned = dict.fromkeys(
         f"While reading: {' '.join(str(warning.message).split())[:_LONGEST]}"
         for warning in caught
         if not issubclass(warning.category, _OF_PROGRAMS)
     )
-    return replace(table, file=str(path), notes=(*table.notes, *told))
+    return replace(table, file=str(path), notes=(*table.notes, *warned))
 
 
 def write_record(record: Record, path: str | Path) -> None:

@@ -82,7 +82,7 @@ def _leaves(tree: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
 
 def _columns_of_leaf(path: str, value: Any) -> Iterator[Column]:
     if isinstance(value, np.ndarray) and value.size > 1:
-        yield from _columns(path, value)
+        yield from _columns_of_array(path, value)
         return
     if isinstance(value, Unread):
         instead = value.description
@@ -97,7 +97,7 @@ def _columns_of_leaf(path: str, value: Any) -> Iterator[Column]:
     yield Column(path, None, instead=instead)
 
 
-def _columns(path: str, array: np.ndarray[Any, Any]) -> Iterator[Column]:
+def _columns_of_array(path: str, array: np.ndarray[Any, Any]) -> Iterator[Column]:
     array = np.squeeze(array)
     if array.ndim == 1:
         yield Column.of(path, array)
@@ -121,7 +121,7 @@ def with_joined_periods(arrays: Mapping[str, Any]) -> tuple[dict[str, Any], tupl
     RecordError
         If channels have different numbers of periods.
     """
-    channels = {name: channel for name in arrays if (channel := _channel(name)) is not None}
+    channels = {name: channel for name in arrays if (channel := _channel_named(name)) is not None}
     own = {name: np.squeeze(arrays[name]) for name in channels if isinstance(arrays[name], np.ndarray)}
     stacked = [name for name, array in own.items() if array.ndim in (2, 3)]
     if not stacked:
@@ -154,7 +154,7 @@ def with_joined_periods(arrays: Mapping[str, Any]) -> tuple[dict[str, Any], tupl
     return joined, (note,)
 
 
-def _channel(name: str) -> Channel | None:
+def _channel_named(name: str) -> Channel | None:
     """The channel that a name means."""
     column = spelled_as_channel(Column(name, None))
     return ColumnHeader.parse(column.meaning or name).leaf.channel
@@ -191,9 +191,9 @@ def read_json(path: Path) -> Table:
     if not isinstance(content, dict):
         raise RecordError("holds a single value: expected columns by name, or rows of numbers", path)
     sensors = content.pop("sensors", None)
-    tree = {name: _array(value, 1) for name, value in content.items()}
+    tree = {name: _json_array(value, 1) for name, value in content.items()}
     columns = tuple(spelled_as_channel(column) for column in columns_of(tree))
-    return Table(_renamed(columns, content), rate=stated_rate(tree), sensors=as_statements(sensors, path))
+    return Table(_relabelled(columns, content), rate=stated_rate(tree), sensors=as_statements(sensors, path))
 
 
 def _by_key(rows: list[Any]) -> dict[str, Any]:
@@ -216,7 +216,7 @@ def _by_key(rows: list[Any]) -> dict[str, Any]:
     return {name: [row.get(name) for row in objects] for name in names}
 
 
-def _array(value: Any, depth: int) -> Any:
+def _json_array(value: Any, depth: int) -> Any:
     """Lists of numbers, or of rows of them, as arrays; null is NaN, and a buffer, a list with its settings, is the list."""
     if isinstance(value, list) and value and isinstance(value[0], dict):
         value = _by_key(value)
@@ -225,8 +225,8 @@ def _array(value: Any, depth: int) -> Any:
             return Unread("an object deep within others")
         lists = [name for name, member in value.items() if isinstance(member, list | dict)]
         if depth and len(lists) == 1 and lists[0] in _SAMPLES and len(value) > 1:
-            return _array(value[lists[0]], depth + 1)
-        return {name: _array(member, depth + 1) for name, member in value.items()}
+            return _json_array(value[lists[0]], depth + 1)
+        return {name: _json_array(member, depth + 1) for name, member in value.items()}
     if not isinstance(value, list):
         return value
     if not value:
@@ -242,7 +242,7 @@ def _array(value: Any, depth: int) -> Any:
         return array
 
 
-def _renamed(columns: tuple[Column, ...], content: Mapping[str, Any]) -> tuple[Column, ...]:
+def _relabelled(columns: tuple[Column, ...], content: Mapping[str, Any]) -> tuple[Column, ...]:
     """The columns of the only list of rows under the names that the file lists for them."""
     rows = [number for number, column in enumerate(columns) if "(:," in column.header]
     lists = (content[name] for name in _NAMES if isinstance(content.get(name), list))

@@ -89,12 +89,12 @@ def guessed_columns(
     Raises RecordError where no column holds numbers, or a column of `channels` does not exist or holds text.
     """
     numeric = {number: own.header for number, own in enumerate(table.columns) if own.values is not None}
-    headers = {number: _parsed(header) for number, header in numeric.items()}
+    headers = {number: _parsed_header(header) for number, header in numeric.items()}
     if not headers:
         raise table.error(f"no column holds numbers alone, so there is nothing to map: {not_numbers(table)}")
     given = mapped(table, channels or {})
     guesses = {
-        number: ColumnGuess(_label(table, number), "", ColumnHeader.parse(header).unit, header=header)
+        number: ColumnGuess(_mapping_label(table, number), "", ColumnHeader.parse(header).unit, header=header)
         for number, header in numeric.items()
     }
     for choice in (*given, *recognised(table, given, tuple(masses) or None)):
@@ -107,11 +107,11 @@ def guessed_columns(
         guesses[number] = replace(guesses[number], name="")
         del headers[number]
     _guess_time(table, headers, guesses)
-    kinds = {number: _guessed(header) for number, header in headers.items() if not guesses[number].name}
+    kinds = {number: _guessed_kind(header) for number, header in headers.items() if not guesses[number].name}
     for forces in (False, True):  # which act on masses that move
         for number, (kind, why) in kinds.items():
             if kind and (kind == "force") is forces:
-                place, doubts = _place(kind, number, guesses, kinds, masses)
+                place, doubts = _guessed_place(kind, number, guesses, kinds, masses)
                 others = _OTHERS.intersection(_words(guesses[number].header)).difference(*map(_words, masses))
                 by = why if guesses[number].unit else "name"
                 doubts = (*_doubts_of_quantity(headers[number], kind, by, others), *doubts)
@@ -121,7 +121,7 @@ def guessed_columns(
                 guesses[number] = replace(guesses[number], doubts=(OTHER_TIME,))
             elif not kind and {*_BASES, *masses} & set(_words(guesses[number].header)):
                 guesses[number] = replace(guesses[number], doubts=(NO_QUANTITY,))
-    times = Counter(_names(guesses))
+    times = Counter(_guessed_names(guesses))
     return tuple(
         replace(guess, doubts=(*guess.doubts, TWICE)) if guess.name and times[guess.name] > 1 else guess
         for guess in guesses.values()
@@ -132,11 +132,11 @@ def _guess_time(table: Table, headers: Mapping[int, ColumnHeader], guesses: dict
     """Guess which column is the time, by its name or by its values, and whether its unit is in doubt."""
     for number, header in headers.items():
         named = _TIMES.match(header.name) and converts(header.unit or "s", "s")
-        if not guesses[number].name and named and "time" not in _names(guesses):
+        if not guesses[number].name and named and "time" not in _guessed_names(guesses):
             guesses[number] = replace(guesses[number], name="time", why="name")
     unnamed = [number for number in headers if not guesses[number].name]
     even = [number for number in unnamed if _is_clock(table.columns[number].values)]
-    if even and "time" not in _names(guesses) and table.rate is None:
+    if even and "time" not in _guessed_names(guesses) and table.rate is None:
         guesses[even[0]] = replace(guesses[even[0]], name="time", why="values")
     for number, header in headers.items():
         if guesses[number].name == "time" and not guesses[number].unit:
@@ -154,17 +154,17 @@ def not_numbers(table: Table) -> str:
     return ", ".join(cells)
 
 
-def _names(guesses: Mapping[int, ColumnGuess]) -> list[Channel | str]:
+def _guessed_names(guesses: Mapping[int, ColumnGuess]) -> list[Channel | str]:
     return [guess.name for guess in guesses.values()]
 
 
-def _label(table: Table, number: int) -> str | int:
+def _mapping_label(table: Table, number: int) -> str | int:
     """What a mapping calls a column."""
     names = [ColumnHeader.parse(text).leaf.name for text in table.headers]
     return names[number] if table.named and names[number] and names.count(names[number]) == 1 else number + 1
 
 
-def _parsed(text: str) -> ColumnHeader:
+def _parsed_header(text: str) -> ColumnHeader:
     """The last part of a header, with the unit behind its last underscore where it states none, as frame_mm does."""
     leaf = ColumnHeader.parse(text).leaf
     name, _, unit = leaf.name.rpartition("_")
@@ -194,7 +194,7 @@ def _is_plausible(table: Table, number: int, unit: str) -> bool:
     return bool(steps.size) and _RATES[0] <= 1.0 / max(float(np.median(steps)), 1e-300) <= _RATES[1]
 
 
-def _guessed(header: ColumnHeader) -> tuple[str, str]:
+def _guessed_kind(header: ColumnHeader) -> tuple[str, str]:
     """The kind of channel that a header may stand for, and what says so; none where nothing does."""
     by_unit = _kind_of_unit(header.unit)
     if by_unit:
@@ -223,7 +223,7 @@ def _doubts_of_quantity(
     return (NO_QUANTITY,) if contradicted or others else ()
 
 
-def _place(
+def _guessed_place(
     kind: str,
     number: int,
     guesses: Mapping[int, ColumnGuess],
@@ -231,19 +231,19 @@ def _place(
     masses: Sequence[str],
 ) -> tuple[str, tuple[str, ...]]:
     """The mass, or the base, of a column of this kind, and whether that is in doubt."""
-    names, header = _names(guesses), guesses[number].header
-    said = _named_in(header, masses)
-    if len(said) == 1:
-        return said[0], ()
+    names, header = _guessed_names(guesses), guesses[number].header
+    named = _named_in(header, masses)
+    if len(named) == 1:
+        return named[0], ()
     bases = _BASES & set(_words(header))
-    if bases and not said and kind != "force":
+    if bases and not named and kind != "force":
         return BASE, () if BASE in bases else (NO_MASS,)
     alike = [n for n, (other, _) in kinds.items() if other == kind and n != number]
     unsaid = [n for n in alike if len(_named_in(guesses[n].header, masses)) != 1]
     taken = {mass for n in alike for mass in _named_in(guesses[n].header, masses)}
     sure = [guess.name for guess in guesses.values() if NO_MASS not in guess.doubts]
     free = [mass for mass in masses if Channel(kind, mass) not in sure and mass not in taken]
-    if len(free) == 1 and not said and not unsaid and (kind != "force" or len(masses) == 1):
+    if len(free) == 1 and not named and not unsaid and (kind != "force" or len(masses) == 1):
         return free[0], ()
     if kind == "force":
         return _driven_mass(names, masses), (NO_MASS,)
@@ -274,7 +274,7 @@ def proposed_masses(guesses: Iterable[ColumnGuess]) -> tuple[str, ...]:
     for guess in guesses:
         if not isinstance(guess.name, Channel) or not guess.name.is_motion or guess.name.place == BASE:
             continue
-        words = _words(_parsed(guess.header).name)
+        words = _words(_parsed_header(guess.header).name)
         words = [word for word in words if not (word.isdecimal() or word in _SENSORS or _kind_of_name(word))]
         names.append(words[-1] if words and guess.why else guess.name.place)
     return tuple(dict.fromkeys(names))
@@ -320,7 +320,7 @@ def first_mapping(table: Table) -> tuple[str, tuple[str, ...]]:
     guesses = guessed_columns(table)
     if {guess.name for guess in guesses} <= {"time", ""}:  # a mapping of nothing could not be read
         guesses = _placeholders(table, guesses)
-    return mapping_text(table.file, guesses), tuple(_sentence(guess) for guess in guesses if guess.why)
+    return mapping_text(table.file, guesses), tuple(_guess_sentence(guess) for guess in guesses if guess.why)
 
 
 def _placeholders(table: Table, guesses: Sequence[ColumnGuess]) -> tuple[ColumnGuess, ...]:
@@ -338,7 +338,7 @@ def _placeholders(table: Table, guesses: Sequence[ColumnGuess]) -> tuple[ColumnG
     return tuple(placed)
 
 
-def _sentence(guess: ColumnGuess) -> str:
+def _guess_sentence(guess: ColumnGuess) -> str:
     if not isinstance(guess.name, Channel):
         return f"Column {guess.label} was guessed from its {guess.why} to be the time."
     if guess.why == _NOTHING:
@@ -350,11 +350,11 @@ def _sentence(guess: ColumnGuess) -> str:
 
 def mapping_text(file: str, guesses: Sequence[ColumnGuess], stated: RecordMapping | None = None) -> str:
     """The text of a mapping file for the record `file`, with the header, rates and masses that are `stated`."""
-    blocks = [_block(guess) for guess in guesses if guess.name]
+    blocks = [_mapping_block(guess) for guess in guesses if guess.name]
     spare = [guess.label for guess in guesses if not guess.name]
     unused = [f"\n# not used: {', '.join(map(toml_text, spare))}\n"] if spare else []
     if {guess.name for guess in guesses} <= {"time", ""} and spare:
-        example = _block(ColumnGuess(spare[0], Channel("x", "m1"), "mm")).strip().split("\n")
+        example = _mapping_block(ColumnGuess(spare[0], Channel("x", "m1"), "mm")).strip().split("\n")
         unused += ["\n", *(f"# {line}\n" for line in example)]
     head = _HEAD.format(path=on_one_line(Path(file).name))
     stated = stated or RecordMapping()
@@ -368,7 +368,7 @@ def mapping_text(file: str, guesses: Sequence[ColumnGuess], stated: RecordMappin
     return head + "".join([*blocks, *unused, f"\n[mass]\n{masses}" if masses else _MASSES])
 
 
-def _block(guess: ColumnGuess) -> str:
+def _mapping_block(guess: ColumnGuess) -> str:
     channel = guess.name if isinstance(guess.name, Channel) else None
     title = f"[channel.{toml_text(channel)}]" if channel else "[time]"
     remark = f"guessed from its {guess.why}" if guess.why else ""

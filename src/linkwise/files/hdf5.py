@@ -45,17 +45,17 @@ def read_table(path: Path) -> Table:
         tree: dict[str, Any] = {}
         stored: dict[str, dict[str, Any]] = {kind: {} for kind in STORED}
         attributes: dict[str, dict[str, object]] = {}
-        for name, item in _items(file):
+        for name, item in _data_sets(file):
             if isinstance(item, Unread):
                 tree[name] = item
                 continue
-            tree[f"{name}{_unit(item)}"] = None if item.shape is None else np.asarray(item[()])
+            tree[f"{name}{_bracketed_unit(item)}"] = None if item.shape is None else np.asarray(item[()])
             for kind in STORED.keys() & item.attrs.keys():
                 stored[kind][name] = STORED[kind].stored(item.attrs[kind])
             attributes[name] = stated_in(item.attrs)
         rate = file.attrs.get("rate")
         stated = {name: file.get(name) for name in file.attrs.get("channels", ())}
-        order = [name if item is None else f"{name}{_unit(item)}" for name, item in stated.items()]
+        order = [name if item is None else f"{name}{_bracketed_unit(item)}" for name, item in stated.items()]
         columns = columns_of({**{name: tree.get(name, Unread("missing")) for name in order}, **tree})
         return Table(
             with_attributes(columns, attributes),
@@ -85,7 +85,7 @@ def open_file(path: Path) -> h5py.File:
     return h5py.File(path, "r")
 
 
-def _items(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset | Unread]]:
+def _data_sets(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset | Unread]]:
     """All data sets with their paths, in the order of names, groups where they stand; links that lead to none as unread."""
     pending: list[tuple[str, Any]] = [("", file)]
     entered = set()
@@ -113,7 +113,7 @@ def _member(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | Unread 
     return item if isinstance(item, h5py.Group | h5py.Dataset) else None
 
 
-def _unit(item: h5py.Dataset) -> str:
+def _bracketed_unit(item: h5py.Dataset) -> str:
     """The unit of a data set in brackets, as in a column header."""
     unit = next((item.attrs[name] for name in _UNITS if name in item.attrs), "")
     unit = unit.decode() if isinstance(unit, bytes) else str(unit)

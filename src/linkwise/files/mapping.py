@@ -216,7 +216,7 @@ def read_mapping(path: str | Path) -> RecordMapping:
         channels,
         sensors,
         None if gain is None else gain.sigma,
-        {name: _mass(mass, source, f"mass.{name}") for name, mass in table.mass.items()},
+        {name: _stated_mass(mass, source, f"mass.{name}") for name, mass in table.mass.items()},
         _rate(table.rate, source, "rate"),
         _rate(table.resample, source, "resample"),
         table.decimate,
@@ -237,18 +237,18 @@ def _checked_name(name: str, source: str) -> Channel:
 
 
 def _rate(given: object, source: str, key: str) -> float | None:
-    return None if given is None else _si(given, "Hz", source, key)
+    return None if given is None else _positive_si(given, "Hz", source, key)
 
 
-def _mass(given: object, source: str, key: str) -> float | str:
+def _stated_mass(given: object, source: str, key: str) -> float | str:
     """A mass in kg, "unknown", or a text with a moment of inertia; RecordError names the key."""
     if isinstance(given, str) and is_inertia(given):
-        _si(given, MASS_UNITS[ANGLE], source, key)
+        _positive_si(given, MASS_UNITS[ANGLE], source, key)
         return given
-    return "unknown" if given == "unknown" else _si(given, MASS_UNITS[LENGTH], source, key)
+    return "unknown" if given == "unknown" else _positive_si(given, MASS_UNITS[LENGTH], source, key)
 
 
-def _si(given: object, dimension: str, source: str, key: str) -> float:
+def _positive_si(given: object, dimension: str, source: str, key: str) -> float:
     """A positive number in SI units; RecordError names the key."""
     try:
         value = to_si(given, dimension)

@@ -46,7 +46,7 @@ def read_table(path: Path) -> Table:
     names = dict(zip(_texts(tree.get("variables")), _texts(tree.get("channels")), strict=False))
     samples = {name: value for name, value in tree.items() if not (names and name in _OWN)}
     samples |= {name: Unread("missing") for name in names if name not in tree}
-    columns = tuple(_named(column, names) for column in columns_of(samples))
+    columns = tuple(_channel_column(column, names) for column in columns_of(samples))
     table = Table(
         columns,
         start=scalar(tree.get("start")) or 0.0,
@@ -59,7 +59,7 @@ def read_table(path: Path) -> Table:
     return named_signals(table, tree)
 
 
-def _named(column: Column, names: Mapping[str, str]) -> Column:
+def _channel_column(column: Column, names: Mapping[str, str]) -> Column:
     """The column under the name of the channel of its variable."""
     if column.header in names:
         return replace(column, header=names[column.header])
@@ -161,16 +161,16 @@ def named_signals(table: Table, variables: Mapping[str, Any]) -> Table:
     `variables` are those of the file. Signals that are not over time, such as spectra, stay as they are.
     """
     columns = [column for column in table.columns if column.values is not None or _VALUES in column.header]
-    found = [_signal(column.header, variables) for column in columns]
-    signals = {number: signal for number, signal in enumerate(found) if signal is not None}
+    of_columns = [_signal(column.header, variables) for column in columns]
+    signals = {number: signal for number, signal in enumerate(of_columns) if signal is not None}
     if not signals:
         return table
     for number, signal in signals.items():
         unit = f"[{signal.unit}]" if signal.unit else ""
         path = columns[number].header
-        header = f"{_unique(signal, signals) or path}{unit}"
+        header = f"{_unique_name(signal, signals) or path}{unit}"
         columns[number] = replace(columns[number], header=header, path=path)
-    named = replace(table, columns=tuple(columns), notes=(*table.notes, *_notes(columns, signals)))
+    named = replace(table, columns=tuple(columns), notes=(*table.notes, *_unit_notes(columns, signals)))
     axes = {signal.axis for signal in signals.values()}
     if len(axes) > 1:
         steps = ", ".join(f"{step:.9g} s from {start:.9g} s" for start, step in sorted(axes))
@@ -192,7 +192,7 @@ def _signal(path: str, variables: Mapping[str, Any]) -> _Signal | None:
         return None
     number = int(rest.strip("(:,)")) - 1 if rest else 0
     quantity = _struct(_struct(function, "y_values"), "quantity")
-    label = _nth(quantity.get("label"), number)
+    label = _nth_text(quantity.get("label"), number)
     factor = scalar(_struct(quantity, "unit_transformation").get("factor")) or 1.0
     return _Signal(tuple(_names(function, number)), label, _unit(label, factor), (start or 0.0, step))
 
@@ -201,8 +201,8 @@ def _names(function: Mapping[str, Any], number: int) -> Iterator[str]:
     """What the record of a function calls its column `number` (from 0): its name, then its point, with the direction."""
     record = _struct(function, "function_record")
     channel = _struct(record, "primary_channel")
-    point, direction = (_nth(channel.get(key), number) for key in ("point_id", "direction"))
-    for name in (_nth(record.get("name"), number), point, f"{point} {direction}" if point else ""):
+    point, direction = (_nth_text(channel.get(key), number) for key in ("point_id", "direction"))
+    for name in (_nth_text(record.get("name"), number), point, f"{point} {direction}" if point else ""):
         if name and not ColumnHeader.parse(name).is_time:
             yield name
 
@@ -215,13 +215,13 @@ def _unit(label: str, factor: float) -> str:
     return next((unit for unit in units if abs(factor_to_si(label, unit) / factor - 1.0) < _AGREES), "")
 
 
-def _unique(signal: _Signal, signals: Mapping[int, _Signal]) -> str:
+def _unique_name(signal: _Signal, signals: Mapping[int, _Signal]) -> str:
     """The first name of a signal that no other may have; empty where there is none."""
     taken = {name for other in signals.values() if other is not signal for name in other.names}
     return next((name for name in signal.names if name not in taken), "")
 
 
-def _notes(columns: list[Column], signals: Mapping[int, _Signal]) -> Iterator[str]:
+def _unit_notes(columns: list[Column], signals: Mapping[int, _Signal]) -> Iterator[str]:
     """A sentence on each signal whose label is not the unit of its values."""
     for number, signal in signals.items():
         if signal.unit != signal.label:
@@ -237,7 +237,7 @@ def _struct(parent: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return child if isinstance(child, Mapping) else {}
 
 
-def _nth(value: Any, number: int) -> str:
+def _nth_text(value: Any, number: int) -> str:
     """A text, or that of a column among several."""
     if isinstance(value, str):
         return value.strip()

@@ -39,7 +39,7 @@ def read_table(path: Path) -> Table:
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise RecordError(f"its metadata is not that of a record: {error}", path) from error
     columns = tuple(
-        replace(Column.of(field.name, _values(content.column(i))), attributes=_stated_in(field))
+        replace(Column.of(field.name, _column_values(content.column(i))), attributes=_stated_in(field))
         for i, field in enumerate(content.schema)
     )
     return Table(columns, stored=stored, **msgspec.structs.asdict(stated))
@@ -61,7 +61,7 @@ class _Stated(msgspec.Struct):
     sensors: dict[str, dict[str, object]] = {}
 
 
-def _values(column: pyarrow.ChunkedArray) -> NDArray[Any]:
+def _column_values(column: pyarrow.ChunkedArray) -> NDArray[Any]:
     """The values of one column, NaN for null."""
     number = pyarrow.types.is_integer(column.type) or pyarrow.types.is_decimal(column.type)
     if number and (column.null_count or pyarrow.types.is_decimal(column.type)):

@@ -75,7 +75,7 @@ def choose(
             continue
         near = get_close_matches(mass, masses, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]}? " if near else ""
-        message = f"the structure has no mass {mass!r}; {hint}it has {_list(list(masses)) or 'none'}"
+        message = f"the structure has no mass {mass!r}; {hint}it has {_listed_names(list(masses)) or 'none'}"
         raise table.error(message, "known_masses", line=table.header_line, channel=channel)
     return chosen
 
@@ -87,7 +87,7 @@ def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     for column in (own for i, own in enumerate(table.columns) if i not in used and own.header):
         remark = column.instead or _other_spelling(column)
         unused.append(f"{column.header} ({remark})" if remark else column.header)
-    return [f"Columns that are not channels were ignored: {_list(unused)}."] if unused else []
+    return [f"Columns that are not channels were ignored: {_listed_names(unused)}."] if unused else []
 
 
 def _other_spelling(column: Column) -> str:
@@ -113,10 +113,10 @@ def listing(table: Table) -> str:
     """The columns of the table as a sentence."""
     if not table.named:
         return f"the file has no header and {len(table.columns)} columns, numbered from 1"
-    return f"the columns are {_list([header or '(no name)' for header in table.headers])}"
+    return f"the columns are {_listed_names([header or '(no name)' for header in table.headers])}"
 
 
-def _list(names: list[str]) -> str:
+def _listed_names(names: list[str]) -> str:
     more = len(names) - _SHOWN
     return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
@@ -170,7 +170,7 @@ def recognised(
     used = {choice.column for choice in mapped}
     recognised: dict[str, ColumnChoice] = {}
     for index, column in enumerate(table.columns):
-        header = _meaning(column, known_masses)
+        header = _meant_header(column, known_masses)
         if header is None or index in used:
             continue
         channel = None if header.is_time else header.channel
@@ -191,7 +191,7 @@ def recognised(
     return tuple(recognised.values())
 
 
-def _meaning(column: Column, known_masses: tuple[str, ...] | None) -> ColumnHeader | None:
+def _meant_header(column: Column, known_masses: tuple[str, ...] | None) -> ColumnHeader | None:
     """The header that a column stands for; None for a column that names neither a channel nor the time.
 
     A spelling that only resembles a channel (`a_1` in MATLAB) does not count if it would name an unknown mass.
@@ -273,8 +273,8 @@ def _statements(
             unread += more
     if COMMON in table.sensors:
         stated[COMMON] = SensorStatement.of(table.sensors[COMMON], COMMON, table.file)
-    for name, own in mapping.sensors.items():
-        stated[name] = own.over(stated.get(name, SensorStatement()))
+    for name, sensor in mapping.sensors.items():
+        stated[name] = sensor.over(stated.get(name, SensorStatement()))
     if mapping.calibration is not None:
         general = SensorStatement(gain=StatedError(1.0, mapping.calibration))
         for name in (choice.channel for choice in chosen if choice.channel):

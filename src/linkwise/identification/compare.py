@@ -108,16 +108,16 @@ class Comparison(JudgedView):
     def rows(self) -> list[tuple[str, ...]]:
         """The table: a column a method, a row a coefficient, grade, chi-square, channel and time."""
         answers = self.answers
-        found = [{c.name: c for c in _coefficients(answer)} for answer in answers]
-        units = {name: c.unit for coefficients in found for name, c in coefficients.items()}
+        by_name = [{c.name: c for c in _unknown_coefficients(answer)} for answer in answers]
+        units = {name: c.unit for coefficients in by_name for name, c in coefficients.items()}
         table: list[tuple[str, ...]] = [("", *(answer.name for answer in answers), "unit")]
-        table += [(name, *(_value(of.get(name)) for of in found), unit) for name, unit in units.items()]
+        table += [(name, *(_cell(of.get(name)) for of in by_name), unit) for name, unit in units.items()]
         shown = [answer.estimate for answer in answers]
-        table.append(("grade", *map(_grade, shown), ""))
-        squares = ["" if one is None else _number(one.chi_square_per_sample) for one in shown]
+        table.append(("grade", *map(_grade_cell, shown), ""))
+        squares = ["" if one is None else _number_cell(one.chi_square_per_sample) for one in shown]
         table.append(("chi-square", *squares, ""))
         for channel in self.record.responses:
-            errors = [_number(answer.prediction.get(channel), 100.0) for answer in answers]
+            errors = [_number_cell(answer.prediction.get(channel), 100.0) for answer in answers]
             table.append((f"free run of {channel}", *errors, "%"))
         table.append(("time", *("" if one is None else format_duration(one.seconds) for one in shown), ""))
         return table
@@ -183,34 +183,34 @@ def compare(record: Record, structure: Structure, *, progress: Progress = silent
     expect("compare(record, structure): structure", structure, Structure)
     step = 0.2
     best = identify(record, structure, progress=part(progress, 0.0, 3.0 * step))
-    found = [_predicted("ml", best, record)]
+    tried = [_with_run("ml", best, record)]
     for number, name in enumerate((name for name in METHODS if name != "ml"), start=1):
         progress(ProgressReport(step * (2 + number), name))
         try:
-            found.append(_predicted(name, identify(record, structure, method=METHODS.lookup(name)()), record))
+            tried.append(_with_run(name, identify(record, structure, method=METHODS.lookup(name)()), record))
         except LinkwiseError as error:
-            found.append(MethodAnswer(name, None, _reason(error)))
+            tried.append(MethodAnswer(name, None, _error_text(error)))
     missing, richer = (cause for cause in best.diagnosis if not cause.is_instrument), best.alternative
     if richer is not None:
         name = f"ml with {' and '.join(cause.label for cause in richer.added)}"
-        found.append(_predicted(name, richer, record))
-    return Comparison(record, tuple(found), next(missing, None))
+        tried.append(_with_run(name, richer, record))
+    return Comparison(record, tuple(tried), next(missing, None))
 
 
-def _predicted(name: str, estimate: Estimate, record: Record) -> MethodAnswer:
+def _with_run(name: str, estimate: Estimate, record: Record) -> MethodAnswer:
     """An answer with the error of its free run."""
     try:
         scores = validate(record, estimate.structure).channels
     except LinkwiseError as error:
-        return MethodAnswer(name, estimate, f"its free run fails: {_reason(error)}")
+        return MethodAnswer(name, estimate, f"its free run fails: {_error_text(error)}")
     return MethodAnswer(name, estimate, prediction={c: 1.0 - 0.01 * s.fit_percent for c, s in scores.items()})
 
 
-def _reason(error: LinkwiseError) -> str:
+def _error_text(error: LinkwiseError) -> str:
     return " ".join(str(error).split())[:_LONGEST]
 
 
-def _coefficients(answer: MethodAnswer) -> Iterator[CoefficientEstimate]:
+def _unknown_coefficients(answer: MethodAnswer) -> Iterator[CoefficientEstimate]:
     """The unknown coefficients and masses of an answer."""
     if answer.estimate is not None:
         for link in answer.estimate.links:
@@ -218,7 +218,7 @@ def _coefficients(answer: MethodAnswer) -> Iterator[CoefficientEstimate]:
         yield from (mass for mass in answer.estimate.masses if not mass.known)
 
 
-def _value(coefficient: CoefficientEstimate | None) -> str:
+def _cell(coefficient: CoefficientEstimate | None) -> str:
     """A value with its standard error, where it has one."""
     if coefficient is None:
         return ""
@@ -227,7 +227,7 @@ def _value(coefficient: CoefficientEstimate | None) -> str:
     return text if error is None else f"{text} ± {format_error(error)}"
 
 
-def _grade(estimate: Estimate | None) -> str:
+def _grade_cell(estimate: Estimate | None) -> str:
     """The grade; a method without chi-square does not test whether its laws explain the record."""
     if estimate is None:
         return "not applicable"
@@ -235,5 +235,5 @@ def _grade(estimate: Estimate | None) -> str:
     return "not tested" if untested else estimate.grade.value
 
 
-def _number(value: float | None, factor: float = 1.0) -> str:
+def _number_cell(value: float | None, factor: float = 1.0) -> str:
     return "" if value is None else f"{factor * value:.3g}"

@@ -48,7 +48,7 @@ def longest_resolved(record: Record, least: int, refinement: int, bound: Bound) 
     In chaotic motion sensitivities grow until the start of a segment cannot be told from a coefficient; a longer segment then
     seems to determine less than its two halves do.
     """
-    lengths = _lengths(record, least)
+    lengths = _segment_lengths(record, least)
     length, precision = lengths[0], _of_the_shortest(record, lengths[0], bound)
     unknowns = len(precision.scale) + least * len(record.responses)
     for longer in lengths[1:]:
@@ -56,7 +56,7 @@ def longest_resolved(record: Record, least: int, refinement: int, bound: Bound) 
         if steps > _MOST_SEGMENT_STEPS or longer * len(record.responses) * unknowns > _NUMBERS:
             break
         attempt = bound(longer)
-        if attempt is None or _has_lost(attempt, precision):
+        if attempt is None or _has_lost_digits(attempt, precision):
             break
         length, precision = longer, attempt
     return precision, length
@@ -64,11 +64,11 @@ def longest_resolved(record: Record, least: int, refinement: int, bound: Bound) 
 
 def as_asked(record: Record, samples: int, least: int, bound: Bound) -> Precision:
     """The bound with segments of so many samples; IdentificationError if they determine less than the shortest do."""
-    precision, shortest = bound(samples), _lengths(record, least)[0]
+    precision, shortest = bound(samples), _segment_lengths(record, least)[0]
     if precision is not None and (samples <= shortest or not precision.null_directions.shape[1]):
         return precision
     before = _of_the_shortest(record, min(samples, shortest), bound)
-    if precision is None or _has_lost(precision, before):
+    if precision is None or _has_lost_digits(precision, before):
         raise IdentificationError(
             f"segments of {samples * record.step:g} s are too long: in chaotic motion sensitivities grow beyond the digits "
             f"of a computer, and what segments of {shortest * record.step:g} s determine would not be identifiable; take "
@@ -90,7 +90,7 @@ def _of_the_shortest(record: Record, samples: int, bound: Bound) -> Precision:
     return precision
 
 
-def _lengths(record: Record, least: int) -> list[int]:
+def _segment_lengths(record: Record, least: int) -> list[int]:
     """Samples of segments: 0.25 s, but at least `least`, then twice as many and so on, and at last the whole record."""
     lengths = [max(least, round(SHORTEST / record.step))]
     while lengths[-1] < len(record):
@@ -98,7 +98,7 @@ def _lengths(record: Record, least: int) -> list[int]:
     return [*lengths[:-1], len(record)]
 
 
-def _has_lost(longer: Precision, shorter: Precision) -> bool:
+def _has_lost_digits(longer: Precision, shorter: Precision) -> bool:
     """Whether longer segments determine fewer combinations, or anything less precisely."""
     if longer.null_directions.shape[1] > shorter.null_directions.shape[1]:
         return True
@@ -175,12 +175,12 @@ def limit(
     (-100.0, True)
     """
     expect("limit(structure): structure", structure, Structure)
-    true, unknown_structure = _planned(structure, tuple(unknown))
+    true, unknown_structure = _true_and_unknown(structure, tuple(unknown))
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)
     test = partial(simulate, true, sensors=sensors, **excitation)
     record = test(duration=duration, rate=rate, progress=part(progress, 0.0, 0.2))
     of_inputs = _noise_of_inputs(record, true, noise if isinstance(noise, Mapping) else {})
-    sigma = _noise(record, noise)
+    sigma = _sensor_noise(record, noise)
     states = System.of(true).dimension
     least = states // max(1, len(record.responses)) + 1
     samples = len(record) if segment is None else _segment_samples(segment, record)
@@ -190,7 +190,7 @@ def limit(
     if refinement > 1:
         fine = test(duration=record.duration, rate=rate * refinement, progress=part(progress, 0.2, 0.5))
     values = np.array([true.coefficient(p.name).value for p in unknown_structure.parameters], dtype=float)
-    pieces = _pieces(_on_samples(fine, refinement), excitation.get("impulses", ()))
+    pieces = _between_impulses(_on_samples(fine, refinement), excitation.get("impulses", ()))
     if not pieces:
         raise IdentificationError(
             f"a test of {record.duration:g} s is too short: between two impulses, and from its start to its end, it needs "
@@ -201,12 +201,12 @@ def limit(
     names = [f"{true.links[index].name}.{state}" for index, state in system.states]
     known = np.array([parameter.sigma for parameter in unknown_structure.parameters])
     units = np.where(values == 0.0, 1.0, np.abs(values))
-    scales = Scales(np.array(list(sigma.values())), _units(record, names), units)
+    scales = Scales(np.array(list(sigma.values())), _state_units(record, names), units)
 
     def bound(count: int, of_inputs: Mapping[str, float] | None = None) -> Precision | None:
         steps = count * refinement
         segments = cut_segments(pieces, unknown_structure, system, samples=steps, refine=1)
-        point = Iterate(_nodes(pieces, steps, names), values, np.zeros(0))
+        point = Iterate(_true_nodes(pieces, steps, names), values, np.zeros(0))
         random = _random_inputs(segments, point, scales, true, of_inputs, refinement) if of_inputs else None
         with np.errstate(over="ignore", invalid="ignore"):
             information = fisher_information(segments, point, scales, random).with_prior(known)
@@ -224,7 +224,7 @@ def limit(
     return Limit(true, unknown_structure.parameters, values, precision, sigma, record, length)
 
 
-def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure, Structure]:
+def _true_and_unknown(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure, Structure]:
     """The structure with all its numbers, and the same with its unknowns."""
     refuse_rig(structure, "limits of accuracy")
     without_number = [parameter.name for parameter in structure.parameters if parameter.start is None]
@@ -239,7 +239,7 @@ def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure,
     return true, structure if structure.parameters else structure.unknown("all")
 
 
-def _noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, float]:
+def _sensor_noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, float]:
     """Standard deviation by response channel."""
     if isinstance(noise, Mapping):
         missing = [name for name in record.responses if name not in noise]
@@ -315,7 +315,7 @@ def _segment_samples(segment: float, record: Record) -> int:
     return max(1, round(min(segment * record.rate, float(len(record)))))
 
 
-def _pieces(record: Record, impulses: Iterable[Impulse]) -> list[Record]:
+def _between_impulses(record: Record, impulses: Iterable[Impulse]) -> list[Record]:
     """The record cut after each impulse, where velocities jump."""
     times = [impulse.time for impulse in impulses]
     after = {int(np.floor(time * record.rate * (1.0 + 1e-12) + 1e-9)) + 1 for time in times}
@@ -323,7 +323,7 @@ def _pieces(record: Record, impulses: Iterable[Impulse]) -> list[Record]:
     return [record[first:last] for first, last in edges if last - first >= _SHORTEST]
 
 
-def _nodes(pieces: list[Record], samples: int, states: Sequence[str]) -> Floats:
+def _true_nodes(pieces: list[Record], samples: int, states: Sequence[str]) -> Floats:
     """(2n + S, K) the true states at the starts of the segments; `states` are those of links by full name."""
     starts = []
     for piece in pieces:
@@ -334,7 +334,7 @@ def _nodes(pieces: list[Record], samples: int, states: Sequence[str]) -> Floats:
     return np.concatenate(starts, axis=1)
 
 
-def _units(record: Record, states: Sequence[str]) -> Floats:
+def _state_units(record: Record, states: Sequence[str]) -> Floats:
     """(2n + S,) m, m/s and units of states: the root mean square of each."""
     truth = record.simulated
     assert truth is not None

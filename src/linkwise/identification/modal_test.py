@@ -256,7 +256,7 @@ def identify_host(
     records = [_in_excited_band(single) for single in records]
     measured = ModalMeasurement.of(records, name, masses=masses)
     with one_blas_thread():
-        fit, faint = _searched(measured, modes, progress)
+        fit, faint = _modes_found(measured, modes, progress)
     _check_masses(measured, fit.frequencies[~faint])
     chi_square, samples = _chi_square(measured, fit)
     white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
@@ -270,8 +270,8 @@ def identify_host(
     errors = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
     if open_scale:
         errors[:, 2:] = np.abs(fit.shapes).max(axis=1, keepdims=True)
-    host = replace(_host(measured, fit, errors, faint), damping=_between(fit, of_pairs))
-    host = host.with_units(_units(records, host))
+    host = replace(_host_of_fit(measured, fit, errors, faint), damping=_damping_between_modes(fit, of_pairs))
+    host = host.with_units(_units_of_points(records, host))
     return HostEstimate(
         host=host,
         faint=tuple(name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint),
@@ -281,14 +281,14 @@ def identify_host(
         if not open_scale or not fit.converged
         else (Verdict.HARDLY_DETERMINED,),
         remarks=(
-            *_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
+            *_remarks(host, faint, unscaled, _unexplained_share(measured, fit) if inexact else 0.0),
             *((_OPEN_SCALE,) if open_scale else ()),
         ),
         seconds=perf_counter() - started,
     )
 
 
-def _searched(measured: ModalMeasurement, modes: int | None, progress: Progress) -> tuple[ModalFit, Bools]:
+def _modes_found(measured: ModalMeasurement, modes: int | None, progress: Progress) -> tuple[ModalFit, Bools]:
     """The most likely modes, `modes` of them or as many as there are, and which of them (n,) are faint."""
     pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.5))
     if not len(pursued.frequencies):
@@ -298,11 +298,11 @@ def _searched(measured: ModalMeasurement, modes: int | None, progress: Progress)
         )
     fit = modal_fit(measured, pursued, part(progress, 0.5, 1.0))
     while modes is None and (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is not None:
-        fit = modal_fit(measured, _without(double, measured, fit))
-    faint = _powers(measured, fit) < _FAINT
+        fit = modal_fit(measured, _without_mode(double, measured, fit))
+    faint = _powers_over_noise(measured, fit) < _FAINT
     while (shadow := shadow_mode(fit.frequencies, fit.damping, fit.shapes, faint)) is not None:
-        fit = modal_fit(measured, _without(shadow, measured, fit))
-        faint = _powers(measured, fit) < _FAINT
+        fit = modal_fit(measured, _without_mode(shadow, measured, fit))
+        faint = _powers_over_noise(measured, fit) < _FAINT
     return fit, faint
 
 
@@ -323,19 +323,19 @@ def _in_excited_band(record: Record) -> Record:
     signals = record.forces or record.motions
     if len(record) <= _LONG or not signals or not whole:
         return record
-    highest = max(_highest(record.channel(name), record.rate) for name in signals)
+    highest = max(_highest_frequency(record.channel(name), record.rate) for name in signals)
     factor = int(0.5 * PASSBAND * record.rate / (_BEYOND * highest))
     return record.decimate(factor) if factor > 1 else record
 
 
-def _highest(signal: Floats, rate: float) -> float:
+def _highest_frequency(signal: Floats, rate: float) -> float:
     """The frequency in Hz below which lies the power of a force, or of a motion."""
     frequency, power = welch(signal, rate, nperseg=_SEGMENT)
     below = np.cumsum(power) <= (1.0 - _HARDLY_EXCITED) * power.sum()
     return float(frequency[min(int(below.sum()), len(frequency) - 1)])
 
 
-def _units(records: Sequence[Record], host: Host) -> dict[str, str]:
+def _units_of_points(records: Sequence[Record], host: Host) -> dict[str, str]:
     """Units of the points whose channels state one. Raises RecordError for a point that is said to turn and to move."""
     units: dict[str, str] = {}
     stated = [(c, record.units[c]) for record in records for c in record.channels if c in record.units]
@@ -353,7 +353,7 @@ def _units(records: Sequence[Record], host: Host) -> dict[str, str]:
     return {point: unit for point, unit in units.items() if point in host.modes[0].shape}
 
 
-def _without(mode: int, measured: ModalMeasurement, fit: ModalFit) -> PursuedModes:
+def _without_mode(mode: int, measured: ModalMeasurement, fit: ModalFit) -> PursuedModes:
     """The modes of a fit without one."""
     residues = fit.shapes[:, measured.sensed, None] * fit.shapes[:, None, measured.forced]
     others = np.arange(len(residues)) != mode
@@ -361,7 +361,7 @@ def _without(mode: int, measured: ModalMeasurement, fit: ModalFit) -> PursuedMod
     return PursuedModes(fit.frequencies[others], fit.damping[others], residues[others], free[:, others])
 
 
-def _powers(measured: ModalMeasurement, fit: ModalFit) -> Floats:
+def _powers_over_noise(measured: ModalMeasurement, fit: ModalFit) -> Floats:
     """(n,) power of what each mode gives over that of the noise, or of what is left where it moves, in its best channel."""
     powers = np.zeros((len(fit.frequencies), len(measured.kinds)))
     for run, residuals, starts in zip(measured.runs, fit.residuals, fit.starts, strict=True):
@@ -388,7 +388,7 @@ def _chi_square(measured: ModalMeasurement, fit: ModalFit) -> tuple[float, int]:
     return total / max(samples - free, 1), samples
 
 
-def _host(measured: ModalMeasurement, fit: ModalFit, errors: Floats, faint: Bools) -> Host:
+def _host_of_fit(measured: ModalMeasurement, fit: ModalFit, errors: Floats, faint: Bools) -> Host:
     """The modes as priors, with wide standard deviations for a faint one."""
     modes = []
     for number, shape in enumerate(fit.shapes):
@@ -413,7 +413,7 @@ def _host(measured: ModalMeasurement, fit: ModalFit, errors: Floats, faint: Bool
     return Host(measured.host, tuple(modes))
 
 
-def _between(fit: ModalFit, errors: Floats) -> dict[tuple[int, int], Coefficient]:
+def _damping_between_modes(fit: ModalFit, errors: Floats) -> dict[tuple[int, int], Coefficient]:
     """The damping between modes, counted from 1, as priors that are no wider than what dissipation allows."""
     least = np.minimum(errors, fit.sizes)
     return {
@@ -434,7 +434,7 @@ def _deviation_by_chance(samples: int) -> float:
     return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / samples))
 
 
-def _left(measured: ModalMeasurement, fit: ModalFit) -> float:
+def _unexplained_share(measured: ModalMeasurement, fit: ModalFit) -> float:
     """What the modes leave beside noise, as a part of the response, root mean square, in the channel where it is largest."""
     noise, power, samples = (np.zeros(len(fit.noise)) for _ in range(3))
     for run in measured.runs:

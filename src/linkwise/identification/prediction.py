@@ -15,11 +15,12 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import RecordError, SimulationError, expect
-from linkwise.likelihood.shooting.flow import POINTS, Inputs, Trajectories, flow
+from linkwise.likelihood.shooting.flow import POINTS
+from linkwise.likelihood.shooting.residuals import Gaussian, Misfit, evaluate
 from linkwise.likelihood.shooting.segmentation import inputs_along, sensor_arrays
-from linkwise.likelihood.shooting.segments import A, F, S, Sensors, V, X
-from linkwise.likelihood.shooting.system import NumericSystem, System
-from linkwise.likelihood.shooting.tangents import shown_tangents, tangents
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.tangents import whitened_jacobian
 from linkwise.likelihood.starts.states import start_states
 from linkwise.model.excitation import Sampled
 from linkwise.model.link import refuse_memory
@@ -108,12 +109,11 @@ class WindowPredictor:
         size = max(1, _NUMBERS // (samples * refine * len(root) * (len(root) + len(unit) + 1)))
         parts = []
         for first in range(0, len(firsts), size):
-            some = firsts[first : first + size]
-            nodes, inputs = states[:, some], self._inputs(some, samples, refine)
-            orbit = self._run(nodes, inputs, samples, refine)
-            slopes, ends = self._slopes(orbit, inputs, refine)
-            changes = list(self._changed_by_laws(nodes, inputs, orbit, samples, refine))
-            for k in range(len(some)):
+            batch = firsts[first : first + size]
+            run = self._run(self._segments(batch, samples, refine), states[:, batch])
+            slopes, ends = _slopes(run)
+            changes = list(self._changed_by_laws(run))
+            for k in range(len(batch)):
                 of_laws = [shown[..., k].ravel() for shown, _ in changes]
                 total = np.vstack([moved, fixed])
                 by_both = slopes[k] @ total
@@ -125,7 +125,7 @@ class WindowPredictor:
                 for number, (_, end) in enumerate(changes):
                     by_laws[:, number] += end[:, k] / self._prior
                 moved = np.clip(ends[k] @ total, -_FARTHEST, _FARTHEST)
-        return np.concatenate(parts, axis=1)[:, :count].transpose(1, 0, 2)
+        return self.sigma**2 * np.concatenate(parts, axis=1)[:, :count].transpose(1, 0, 2)
 
     @cached_property
     def valued(self) -> Structure:
@@ -136,14 +136,6 @@ class WindowPredictor:
     @cached_property
     def _system(self) -> System:
         return System.of(self.structure)
-
-    @cached_property
-    def _mechanics(self) -> NumericSystem:
-        return self._system.at(self.values)
-
-    @cached_property
-    def _sensors(self) -> Sensors:
-        return sensor_arrays(self.record.responses, self.structure)
 
     @cached_property
     def _unit(self) -> Floats:
@@ -165,77 +157,41 @@ class WindowPredictor:
         unmeasured = np.concatenate([np.full(len(kind), kind.max(initial=0.0)) for kind in kinds])
         return _PRIOR * np.where(size > 0.0, size, np.where(unmeasured > 0.0, unmeasured, 1.0))
 
-    def _inputs(self, firsts: Indices, samples: int, refine: int) -> Inputs:
-        """Inputs at the points of all steps of some windows."""
+    def _segments(self, firsts: Indices, samples: int, refine: int) -> Segments:
+        """Windows as segments of their own with readings of 0: what a run leaves of these is, negative, what it shows."""
         steps = np.arange(samples * refine)[:, None, None]
         index = firsts + (steps + POINTS[None, :, None]) / refine  # (J, 5, K)
-        size = samples * refine, len(firsts)
-        return inputs_along(self.record, self.structure, size, partial(_at, self.record, index))
+        shape = samples, len(self.sigma), len(firsts)
+        along = partial(_input_at, self.record, index)
+        return Segments(
+            system=self._system,
+            sensors=sensor_arrays(self.record.responses, self.structure),
+            samples=np.zeros(shape),
+            observed=np.ones(shape, dtype=bool),
+            step=np.full(len(firsts), self.record.step / refine),
+            linked=np.zeros(len(firsts) - 1, dtype=bool),
+            inputs=inputs_along(self.record, self.structure, (len(steps), len(firsts)), along),
+            refine=refine,
+            tangent_refine=refine,
+        )
 
-    def _run(self, nodes: Floats, inputs: Inputs, samples: int, refine: int) -> Trajectories:
-        """The motion from states (2 n + S, K)."""
-        step = np.full(nodes.shape[-1], self.record.step / refine)
-        return flow(self._mechanics, nodes, step, samples * refine, inputs)
-
-    def _shown(self, orbit: Trajectories, refine: int) -> Floats:
-        """(M, C, K) what the sensors show along an orbit."""
-        every = slice(None, len(orbit.middle_links), refine)
-        sensors = self._sensors.at(self._mechanics)
-        orbit = sensors.orbit_with_points(orbit)
-        links, memory = orbit.links[every], orbit.memory[every]
-        motion = {
-            X: orbit.states[every, 0],
-            V: orbit.states[every, 1] * (refine * self.record.rate),
-            A: orbit.accelerations[every],
-            F: np.zeros_like(links[:, 0]),
-            S: memory,
-        }
-        if (sensors.kind == F).any():
-            self._mechanics.force(links[:, 0], links[:, 1], memory, motion[F], np.empty_like(memory))
-        return np.stack([motion[kind][:, mass] for kind, mass in self._shown_places], axis=1)
-
-    @property
-    def _shown_places(self) -> list[tuple[int, int]]:
-        """The kind and the number of what each sensor shows."""
-        return list(zip(self._sensors.kind.tolist(), self._sensors.mass.tolist(), strict=True))
-
-    def _end(self, orbit: Trajectories, refine: int) -> Floats:
-        """(2 n + S, K) states at the end of an orbit."""
-        x, u = orbit.states[-1]
-        return np.concatenate([x, u * (refine * self.record.rate), orbit.memory[-1]])
-
-    def _slopes(self, orbit: Trajectories, inputs: Inputs, refine: int) -> tuple[Floats, Floats]:
-        """(K, M C, 2 n + S + p) sensitivities of what is shown to states in units of the prior, and to theta in its unit, and
-        (K, 2 n + S, 2 n + S + p) those of the state at the end, in units of the prior.
-        """
-        step = np.full(orbit.states.shape[-1], self.record.step / refine)
-        unit, mechanics = self._unit, self._mechanics
-        sensors = self._sensors.at(mechanics)
-        rates = {X: 1.0, V: 1.0 / step[0], A: 1.0 / step[0] ** 2, F: 1.0 / step[0] ** 2, S: 1.0}
-        rows = []
-        tangent_samples = tangents(mechanics, orbit, step, self._prior, unit, inputs=inputs)
-        for number, tangent in enumerate(tangent_samples):
-            if tangent.acceleration is None or number % refine:
-                continue
-            motion = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, unit))
-            rows += [motion[kind][mass].T * rates[kind] for kind, mass in self._shown_places]
-        end = np.concatenate([tangent.state[0], tangent.state[1] / step, tangent.memory])
-        ends = end.transpose(2, 0, 1) / self._prior[:, None]
-        return np.stack(rows, axis=1).astype(float), ends.astype(float)
+    def _run(self, segments: Segments, states: Floats) -> Misfit:
+        """The motion from states (2 n + S, K), and what it leaves of the readings over the noise."""
+        scales = Scales(self.sigma, self._prior, self._unit)
+        return evaluate(segments, Iterate(states, self.values, np.zeros(0)), scales, Gaussian())
 
     def _refinement(self, states: Floats, firsts: Indices, samples: int) -> int:
         """Steps per sample that keep the error of the flow from `states` (2 n + S, N) well below the noise."""
-        some = firsts[:: max(1, len(firsts) // _TESTED)]
+        tested = firsts[:: max(1, len(firsts) // _TESTED)]
         most = min(samples, 64)
 
         def shown(refine: int) -> Floats:
-            orbit = self._run(states[..., some], self._inputs(some, most, refine), most, refine)
-            return self._shown(orbit, refine)
+            return self._run(self._segments(tested, most, refine), states[..., tested]).residuals
 
         refine, coarse = 1, shown(1)
         while refine < _MAX_REFINEMENT:
             fine = shown(2 * refine)
-            change = (fine - coarse) / self.sigma[:, None]
+            change = fine - coarse
             if np.isfinite(change).all() and np.sqrt(np.mean(change**2)) < _FLOW_ERROR:
                 break
             refine, coarse = 2 * refine, fine
@@ -244,22 +200,27 @@ class WindowPredictor:
     def _predicted(self, firsts: Indices, burn: int, samples: int, refine: int) -> tuple[Floats, ...]:
         """The fields of `WindowPrediction` for some windows."""
         K, C, m = len(firsts), len(self.sigma), len(self._prior)
-        inputs = self._inputs(firsts, samples, refine)
+        segments = self._segments(firsts, samples, refine)
         nodes = self._guess[..., firsts].copy()
         values = self.record.select(self.record.responses).values
-        observed = values[firsts + np.arange(burn)[:, None]].transpose(0, 2, 1)  # (burn, C, K)
+        readings = values[firsts + np.arange(burn)[:, None]].transpose(0, 2, 1)  # (burn, C, K)
+        present = np.isfinite(readings)
         fitted = min(_FIRST, burn)
         while True:
-            part = inputs.first(fitted * refine)
+            part = replace(
+                segments,
+                samples=np.where(present, readings, 0.0)[:fitted],
+                observed=present[:fitted],
+                inputs=segments.inputs.first(fitted * refine),
+            )
             most = _ITERATIONS if fitted == burn else _ROUGH_ITERATIONS
-            nodes = self._fitted_states(nodes, part, observed[:fitted], refine, most)
+            nodes = self._fitted_states(nodes, part, most)
             if fitted == burn:
                 break
             fitted = min(_GROWTH * fitted, burn)
-        orbit = self._run(nodes, inputs, samples, refine)
-        slopes, _ = self._slopes(orbit, inputs, refine)
-        weight = np.isfinite(observed).transpose(2, 0, 1) / self.sigma
-        head = slopes[:, : burn * C] * weight.reshape(K, burn * C, 1)
+        run = self._run(segments, nodes)
+        slopes, _ = _slopes(run)
+        head = slopes[:, : burn * C] * present.transpose(2, 0, 1).reshape(K, burn * C, 1)
         information = head[..., :m].transpose(0, 2, 1) @ head[..., :m] + np.eye(m)
         follow = -np.linalg.solve(information, head[..., :m].transpose(0, 2, 1) @ head[..., m:])
         state_root = np.linalg.inv(np.linalg.cholesky(information)).transpose(0, 2, 1)
@@ -270,62 +231,59 @@ class WindowPredictor:
         variances[:, 0], variances[:, 1] = (
             variance.reshape(K, samples, C).transpose(1, 2, 0) for variance in (by_state, by_theta)
         )
-        for change, _ in self._changed_by_laws(nodes, inputs, orbit, samples, refine):
+        for change, _ in self._changed_by_laws(run):
             variances[:, 2] += change**2
-        motion = orbit.states[: len(orbit.middle_links) : refine].copy()
+        motion = run.trajectories.states[: samples * refine : refine].copy()
         motion[:, 1] *= refine * self.record.rate
         root, follow = self._prior[:, None] * state_root, self._prior[:, None] * follow / self._unit
+        sigma = self.sigma[:, None]
         return (
-            self._shown(orbit, refine), variances, motion, nodes, root.transpose(1, 2, 0), follow.transpose(1, 2, 0),
+            -sigma * run.residuals, sigma**2 * variances, motion, nodes, root.transpose(1, 2, 0),
+            follow.transpose(1, 2, 0),
         )  # fmt: skip
 
-    def _changed_by_laws(
-        self, nodes: Floats, inputs: Inputs, orbit: Trajectories, samples: int, refine: int
-    ) -> Iterator[tuple[Floats, Floats]]:
+    def _changed_by_laws(self, run: Misfit) -> Iterator[tuple[Floats, Floats]]:
         """What forces of the links that are off by a part of themselves change, mass after mass: (M, C, K) of what is shown,
-        and (2 n + S, K) of the state at the end.
+        over the noise, and (2 n + S, K) of the state at the end.
         """
         if self.law_error == 0.0:
             return
-        shown, end = self._shown(orbit, refine), self._end(orbit, refine)
+        segments, orbit, states = run.segments, run.trajectories, run.point.nodes
         ends, middles = orbit.accelerations, orbit.middle_accelerations
         at = POINTS[None, :, None, None]
         first, last, middle = ends[:-1, None], ends[1:, None], middles[:, None]
         acceleration = first * (1 - at) * (1 - 2 * at) + middle * 4 * at * (1 - at) + last * at * (2 * at - 1)
-        applied = np.zeros_like(acceleration) if inputs.force is None else inputs.force
-        for mass, size in enumerate(self._mechanics.masses):
+        applied = np.zeros_like(acceleration) if segments.inputs.force is None else segments.inputs.force
+        for mass, size in enumerate(run.mechanics.masses):
             force = applied.copy()
             force[:, :, mass] += self.law_error * (size * acceleration[:, :, mass] - applied[:, :, mass])
-            changed = self._run(nodes, replace(inputs, force=force), samples, refine)
-            yield self._shown(changed, refine) - shown, self._end(changed, refine) - end
+            inputs = replace(segments.inputs, force=force)
+            changed = self._run(replace(segments, inputs=inputs), states)
+            both = (own.trajectories.ends(segments.step)[: len(states)] for own in (run, changed))
+            end, changed_end = both
+            yield run.residuals - changed.residuals, changed_end - end
 
-    def _fitted_states(
-        self, nodes: Floats, inputs: Inputs, observed: Floats, refine: int, most: int
-    ) -> Floats:
-        """(2 n + S, K) states that fit samples (B, C, K) best from given ones, by damped Gauss-Newton steps in each window."""
-        samples, C, K = observed.shape
-        m, prior = len(self._prior), self._prior
-        present = np.isfinite(observed)
-        data = np.where(present, observed, 0.0)
-        weight = present.transpose(2, 0, 1) / self.sigma
+    def _fitted_states(self, nodes: Floats, segments: Segments, most: int) -> Floats:
+        """(2 n + S, K) states from which segments fit their readings best, from given ones, by damped Gauss-Newton steps in
+        each.
+        """
+        m, prior, K = len(self._prior), self._prior, segments.count
         damping = np.full(K, 1e-3)
 
-        def misfit(states: Floats) -> tuple[Trajectories, Floats, Floats]:
-            orbit = self._run(states, inputs, samples, refine)
-            left = np.where(present, data - self._shown(orbit, refine), 0.0) / self.sigma[:, None]
+        def tried(states: Floats) -> tuple[Misfit, Floats]:
+            run = self._run(segments, states)
             away = (states - nodes) / prior[:, None]
-            cost = np.sum(left**2, axis=(0, 1)) + np.sum(away**2, axis=0)
-            return orbit, left, np.where(np.isfinite(cost), cost, np.inf)
+            cost = np.sum(run.residuals**2, axis=(0, 1)) + np.sum(away**2, axis=0)
+            return run, np.where(np.isfinite(cost), cost, np.inf)
 
         states = nodes.copy()
-        orbit, left, cost = misfit(states)
+        run, cost = tried(states)
         better = np.ones(K, dtype=bool)
         for _ in range(most):
             if better.any():
-                slopes = self._slopes(orbit, inputs, refine)[0][..., :m]
-                rows = slopes * weight.reshape(K, samples * C, 1)
+                rows = _slopes(run)[0][..., :m]
                 normal = rows.transpose(0, 2, 1) @ rows + np.eye(m)
-                right = np.einsum("kri,kr->ki", rows, left.transpose(2, 0, 1).reshape(K, -1))
+                right = np.einsum("kri,kr->ki", rows, run.residuals.transpose(2, 0, 1).reshape(K, -1))
                 right -= ((states - nodes) / prior[:, None]).T
                 valid = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
                 normal[~valid], right[~valid] = np.eye(m), 0.0
@@ -334,16 +292,28 @@ class WindowPredictor:
             damped[:, range(m), range(m)] += damping[:, None] * diagonal
             step = np.linalg.solve(damped, right[..., None])[..., 0]
             trial = states + (prior * step).T
-            new_orbit, new_left, new_cost = misfit(trial)
+            changed, new_cost = tried(trial)
             better = new_cost < cost
             states = np.where(better, trial, states)
             damping = np.where(better, damping / 10.0, damping * 10.0)
             size = np.einsum("ki,kij,kj->k", step, normal, step)  # squared, in standard errors
             if np.all((size < _SETTLED) | ~valid):
                 break
-            orbit = orbit.replaced(new_orbit, better)
-            left, cost = np.where(better, new_left, left), np.where(better, new_cost, cost)
+            run = replace(
+                run,
+                trajectories=run.trajectories.replaced(changed.trajectories, better),
+                residuals=np.where(better, changed.residuals, run.residuals),
+            )
+            cost = np.where(better, new_cost, cost)
         return states
+
+
+def _slopes(run: Misfit) -> tuple[Floats, Floats]:
+    """(K, M C, 2 n + S + p) sensitivities of what is shown over the noise to states in units of the prior, and to theta in
+    its unit, and (K, 2 n + S, 2 n + S + p) those of the state at the end, in units of the prior.
+    """
+    jacobian, ends = whitened_jacobian(run, slice(None))
+    return jacobian[..., :-1].astype(float), ends
 
 
 def no_state(samples: int) -> SimulationError:
@@ -354,7 +324,7 @@ def no_state(samples: int) -> SimulationError:
     )
 
 
-def _at(record: Record, index: Floats, name: str, *, derivative: bool = False) -> Floats:
+def _input_at(record: Record, index: Floats, name: str, *, derivative: bool = False) -> Floats:
     """Value or rate of an input at fractional samples (J, 5, K), the points of steps; held behind the last one."""
     values, kind = record.channel(name), record.interpolation.get(name, BAND_LIMITED)
     if kind == HELD:  # to the end of the last step in a sample, where the signal jumps
@@ -473,7 +443,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     size = np.sqrt(np.nanmean(record.select(channels).values[:settling] ** 2, axis=0))
     predictor = WindowPredictor(record, structure, *_EXACT, _RELATIVE_ERROR * np.where(size > 0.0, size, 1.0))
     state = predictor(np.zeros(1, dtype=int), settling, settling).state[:, 0]
-    run = _free(structure, record, state)
+    run = _simulated(structure, record, state)
     motion = replace(run, start=record.start).select(channels)
     residual = record.select(channels).values - motion.values
     channels = given.responses
@@ -504,7 +474,7 @@ def usable(record: Record, structure: Structure) -> Record:
     return record.select([*record.inputs, *responses])
 
 
-def _free(structure: Structure, record: Record, state: Floats) -> Record:
+def _simulated(structure: Structure, record: Record, state: Floats) -> Record:
     """The responses of a record by a structure that starts from a state (2n + S,), on a clock that starts at 0."""
     inputs: dict[Channel, Sampled] = {}
     for name in record.inputs:
@@ -564,12 +534,12 @@ def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Predic
     record = predictor.record
     size = np.nanstd(record.select(record.responses).values, axis=0)
     for samples in dict.fromkeys((min(burn + _BEGINNING, len(record)), len(record))):
-        run = _free_run(predictor, burn, samples, progress)
+        run = _one_run(predictor, burn, samples, progress)
         horizon = _horizon(run, burn, size)
-        told = samples == len(record) or (horizon or 0) < samples - 2 * max(burn, _FEWEST)
-        if horizon is not None and told:  # that it stays lost shows only before the end of a beginning
+        is_certain = samples == len(record) or (horizon or 0) < samples - 2 * max(burn, _FEWEST)
+        if horizon is not None and is_certain:  # that it stays lost shows only before the end of a beginning
             progress(ProgressReport(0.6, "windows"))
-            return _windows(predictor, burn, horizon, size)
+            return _in_windows(predictor, burn, horizon, size)
     return run
 
 
@@ -579,7 +549,7 @@ def _horizon(run: Prediction, burn: int, size: Floats) -> int | None:
     span = max(burn, _FEWEST)
     early = np.sqrt(np.mean(run.variances[:span, 0], axis=0))
     lost = (deviation > _LOST * size) & (deviation > _GROWN * early)
-    lost = (lost & (_ahead(lost, span) > _STAYS)).any(axis=1)
+    lost = (lost & (_means_ahead(lost, span) > _STAYS)).any(axis=1)
     lost[:burn] = False
     return max(int(np.argmax(lost)) - burn, 2 * _SHORTEST) if lost.any() else None
 
@@ -601,7 +571,7 @@ def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
     return predicted, variance
 
 
-def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Progress) -> Prediction:
+def _one_run(predictor: WindowPredictor, burn: int, samples: int, progress: Progress) -> Prediction:
     """One run of so many samples, and what errors of its start, coefficients and laws change of it."""
     record, structure = predictor.record[:samples], predictor.structure
     channels = record.responses
@@ -610,7 +580,7 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
     if not (np.isfinite(state).all() and np.isfinite(root).all()):
         raise no_state(burn)
     progress(ProgressReport(0.2, "free run"))
-    run = _free(predictor.valued, record, state)
+    run = _simulated(predictor.valued, record, state)
     truth = run.simulated
     assert truth is not None
     progress(ProgressReport(0.5, "what errors change of it"))
@@ -619,10 +589,12 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
     predicted[:burn] = np.nan
     of_record = replace(predictor, record=record)
     variances = of_record.variances_along(np.array(states), root, start.state_by_coefficients[..., 0])
-    return Prediction(predicted, variances, *_along(record, structure, truth.displacement, truth.velocity))
+    return Prediction(
+        predicted, variances, *_link_motion(record, structure, truth.displacement, truth.velocity)
+    )
 
 
-def _along(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
+def _link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
     """(N, L) elongations in m and rates in m/s of the links, from displacements and velocities (N, n) of the masses."""
     if f"x:{BASE}" not in record.channels:
         return structure.elongations(x, None), structure.elongations(v, None)
@@ -630,7 +602,7 @@ def _along(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[
     return structure.elongations(x, base), structure.elongations(v, np.gradient(base, record.step))
 
 
-def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) -> Prediction:
+def _in_windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) -> Prediction:
     """The longest windows, by factors of two, of which nearly all samples come before the state is lost."""
     record, structure = predictor.record, predictor.structure
     samples = max(min((len(record) - burn) // _LONGEST, horizon), _SHORTEST)
@@ -661,7 +633,7 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
         return np.concatenate([np.full((burn, *tail.shape[1:]), np.nan), tail])
 
     motion = joined(prediction.motion)
-    d, v = _along(record, structure, motion[:, 0], motion[:, 1])
+    d, v = _link_motion(record, structure, motion[:, 0], motion[:, 1])
     return Prediction(
         predicted=joined(prediction.predicted),
         variances=joined(prediction.variances),
@@ -673,7 +645,7 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
     )
 
 
-def _ahead(values: Floats | Bools, samples: int) -> Floats:
+def _means_ahead(values: Floats | Bools, samples: int) -> Floats:
     """Means (N, C) of `values` over the samples that follow each."""
     total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0, dtype=float)
     ends = np.minimum(np.arange(len(values)) + samples, len(values))

@@ -281,11 +281,11 @@ def validate(
     law_error = _law_error(given.model_error if model_error is None else model_error)
     record, exchanged = without_exchanges(in_units_of(record, structure), given.exchanged)
     record = with_force_windows(record)
-    scored = _rig_channels(record, structure) if structure.on_rig else usable(record, structure)
-    unscored = _unscored(record, scored)
+    scored = _channels_of_rig(record, structure) if structure.on_rig else usable(record, structure)
+    unscored = _unscored_remark(record, scored)
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
     remarks = (*remarks, *exchanged, *unscored, *taken_out, *unknown_sensors(scored))
-    predicted = _on_rig if structure.on_rig else _in_motion
+    predicted = _predicted_on_rig if structure.on_rig else _predicted_motion
     first = part(progress, 0.0, 0.6 if refit else 1.0)
     samples, prediction, steps, noise = predicted(scored, given, burn, law_error, first)
     refittable = () if posterior is None else refittable_names(posterior)
@@ -307,8 +307,8 @@ def validate(
     return Validation(
         structure=structure,
         record=scored,
-        predicted=_like(scored, prediction.predicted, "predicted"),
-        deviation=_like(scored, deviation, "expected deviation"),
+        predicted=_record_of_responses(scored, prediction.predicted, "predicted"),
+        deviation=_record_of_responses(scored, deviation, "expected deviation"),
         channels=channel_scores(scored, structure, prediction, steps, noise),
         burn=samples * scored.step,
         window=prediction.window,
@@ -325,7 +325,7 @@ def validate(
     )
 
 
-def _in_motion(
+def _predicted_motion(
     scored: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
 ) -> _Predicted:
     """Samples of the burn, the prediction of masses that move freely, that one step ahead, and the noise by channel."""
@@ -344,7 +344,7 @@ def _in_motion(
     return samples, prediction, (ahead + frame.shown, variance), named
 
 
-def _unscored(record: Record, scored: Record) -> tuple[str, ...]:
+def _unscored_remark(record: Record, scored: Record) -> tuple[str, ...]:
     """A sentence on responses that no prediction is compared with."""
     unscored = [name for name in record.responses if name not in scored.channels]
     predicted = "a validation predicts what the structure's masses and links show"
@@ -387,7 +387,7 @@ def _burn_samples(record: Record, burn: float | None) -> int:
     return samples
 
 
-def _like(record: Record, values: Floats, label: str) -> Record:
+def _record_of_responses(record: Record, values: Floats, label: str) -> Record:
     source = f"{record.source or 'record'}, {label}"
     units = record.select(record.responses).units
     return Record(record.start, record.rate, record.responses, values, source=source, units=units)
@@ -397,7 +397,7 @@ _SUBSTEPS = 8  # between samples
 _PRIOR = 1e-6  # of the normal matrix, for combinations of states that the start does not determine
 
 
-def _rig_channels(record: Record, structure: Structure) -> Record:
+def _channels_of_rig(record: Record, structure: Structure) -> Record:
     """The motion of the base and the forces of the links; RecordError where the record does not hold them."""
     cells = [cell_name(structure, link) for link in range(len(structure.links))]
     shown = [name for name in cells if name in record.channels]
@@ -409,7 +409,7 @@ def _rig_channels(record: Record, structure: Structure) -> Record:
     return record.select([BASE_CHANNEL, *shown])
 
 
-def _on_rig(
+def _predicted_on_rig(
     scored: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
 ) -> _Predicted:
     """The same of links along the recorded motion of a rig, whose states are estimated from the samples of the burn alone.
@@ -423,7 +423,7 @@ def _on_rig(
     except IdentificationError as error:
         raise RecordError(str(error)) from None
     free, theta, known = given.uncertain
-    started, covariance = _started(of_structure, samples)
+    started, covariance = _states_at_start(of_structure, samples)
     fit = replace(
         started, problem=replace(of_structure, structure=free), unknowns=np.append(theta, started.unknowns)
     )
@@ -444,16 +444,16 @@ def _on_rig(
     )
     levels: dict[str, float] = {
         cell.channel: float(
-            np.hypot(fit.problem.noise[cell.channel], np.sqrt(np.mean(own[np.isfinite(cell.measured)] ** 2)))
+            np.hypot(fit.problem.noise[cell.channel], np.sqrt(np.mean(deviations[np.isfinite(cell.measured)] ** 2)))
         )
-        for cell, own in zip(cells, moved, strict=True)
+        for cell, deviations in zip(cells, moved, strict=True)
     }
     progress(ProgressReport(1.0, "forces along the motion"))
     variance = np.where(np.isnan(predicted), np.nan, prediction.variances.sum(axis=1))
     return samples, prediction, (predicted, variance), levels
 
 
-def _started(problem: RigProblem, burn: int) -> tuple[RigFit, Floats]:
+def _states_at_start(problem: RigProblem, burn: int) -> tuple[RigFit, Floats]:
     """The states at the start that explain the forces of the first `burn` samples best, and their covariance."""
     fit = RigFit.at(problem, np.zeros(problem.size))
     if not fit.converged:

@@ -67,7 +67,7 @@ class ValidatedAnswer:
     def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ValidatedAnswer:
         """What an answer in any of its forms says; StructureError where a coefficient has no value."""
         if isinstance(answer, str | Path):
-            return _read(Path(answer))
+            return _read_answer(Path(answer))
         if isinstance(answer, Posterior):
             return cls(answer.structure, answer, basis=answer.basis)
         if isinstance(answer, Estimate):
@@ -75,18 +75,18 @@ class ValidatedAnswer:
             exchanged = tuple(cause for cause in answer.added if cause.kind in EXCHANGES)
             graded = answer.sensor_errors, exchanged, Basis(answer.grade, answer.status)
             if why := answer.without_intervals:
-                return cls(answer.structure, None, error, (_exact(why),), *graded)
+                return cls(answer.structure, None, error, (_taken_as_exact(why),), *graded)
             return cls(answer.structure, Posterior.of(answer), error, (), *graded)
-        return cls(_numbers(answer))
+        return cls(_with_numbers_alone(answer))
 
 
-def _exact(why: str) -> str:
+def _taken_as_exact(why: str) -> str:
     return (
         f"The coefficients are taken as exact, since the answer does not say how far they may be off ({why})."
     )
 
 
-def _numbers(structure: Structure, file: str | Path = "") -> Structure:
+def _with_numbers_alone(structure: Structure, file: str | Path = "") -> Structure:
     for parameter in structure.parameters:
         inside = Path(file).parent / "answer"
         raise StructureError(
@@ -97,18 +97,18 @@ def _numbers(structure: Structure, file: str | Path = "") -> Structure:
     return structure
 
 
-def _read(path: Path) -> ValidatedAnswer:
+def _read_answer(path: Path) -> ValidatedAnswer:
     """A result folder of identify or discover, or a structure file."""
     if not path.is_dir():
-        return ValidatedAnswer(_numbers(read_structure(path), path), basis=Basis.stated_in(path))
-    structure = _numbers(read_structure(path), path / _STRUCTURE)
-    status, stated = _stated(path / RESULT)
+        return ValidatedAnswer(_with_numbers_alone(read_structure(path), path), basis=Basis.stated_in(path))
+    structure = _with_numbers_alone(read_structure(path), path / _STRUCTURE)
+    status, stated = _stated_in_result(path / RESULT)
     known = (path / COVARIANCE).exists()
-    posterior, remarks = (read_posterior(path), ()) if known else (None, (_exact(status),))
+    posterior, remarks = (read_posterior(path), ()) if known else (None, (_taken_as_exact(status),))
     return ValidatedAnswer(structure, posterior, remarks=remarks, **stated)
 
 
-def _stated(path: Path) -> tuple[str, dict[str, Any]]:
+def _stated_in_result(path: Path) -> tuple[str, dict[str, Any]]:
     """The status that a result file states, and of the answer its grade, the model error and errors of sensors.
 
     Nothing of the answer where the file cannot be read, so that the laws and sensors count as exact. Raises StructureError for
@@ -167,7 +167,7 @@ def without_found_errors(
             )
             continue
         try:
-            record = _without(record, error, given)
+            record = _without_error(record, error, given)
         except RecordError as refusal:
             remarks.append(f"The {name} that the answer found was not removed: {refusal}")
         else:
@@ -208,7 +208,7 @@ def _require_kinds(corrected: Mapping[str, Sequence[str]], record: Record) -> No
             )
 
 
-def _without(record: Record, error: SensorErrorEstimate, given: Record) -> Record:
+def _without_error(record: Record, error: SensorErrorEstimate, given: Record) -> Record:
     """The record without one error, as it was `given` with all; RecordError where it cannot be taken out."""
     column, values = record.channels.index(error.channel), record.values.copy()
     if error.kind == "clock":
@@ -251,11 +251,11 @@ def estimated_again(record: Record, posterior: Posterior, progress: Progress) ->
     starts: dict[str, float] = dict(zip(posterior.names, map(float, posterior.values), strict=True))
     deviations = dict(zip(posterior.names, posterior.covariance.diagonal() ** 0.5, strict=True))
     free = uncertain(posterior)
-    own = {parameter.name for parameter in free.parameters}  # not those that share one of these
+    free_names = {parameter.name for parameter in free.parameters}  # not those that share one of these
     known = {
         name: Coefficient.unknown(starts[name], sigma=float(deviation))
         for name, deviation in deviations.items()
-        if _is_of_host(name) and deviation > 0.0 and name in own
+        if _is_of_host(name) and deviation > 0.0 and name in free_names
     }
     structure = free.with_coefficients(known)
     again = MaximumLikelihood(starts=starts).estimate([record], structure, progress)
@@ -271,19 +271,19 @@ def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgr
     rows = []
     for name in refittable_names(posterior):
         index = posterior.names.index(name)
-        own = estimate.coefficient(name)
+        again = estimate.coefficient(name)
         error = math.sqrt(max(posterior.covariance[index, index], 0.0))
-        if own.standard_error is None or not own.standard_error > 0.0:
+        if again.standard_error is None or not again.standard_error > 0.0:
             continue
         rows.append(
             CoefficientAgreement(
                 name=name,
-                unit=own.unit,
+                unit=again.unit,
                 value=float(posterior.values[index]),
                 standard_error=error,
-                record_value=own.value,
-                record_error=own.standard_error,
-                z=(own.value - float(posterior.values[index])) / math.hypot(error, own.standard_error),
+                record_value=again.value,
+                record_error=again.standard_error,
+                z=(again.value - float(posterior.values[index])) / math.hypot(error, again.standard_error),
                 limit=limit,
             )
         )

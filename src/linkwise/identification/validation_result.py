@@ -343,14 +343,14 @@ class Validation(JudgedView):
             "method": "validate",
             "status": self.status,
             "message": self.verdicts[0].value,
-            "channels": {name: _plain(entry) for name, entry in self.channels.items()},
+            "channels": {name: _entry_document(entry) for name, entry in self.channels.items()},
             "burn": self.burn,
             "free_run": self.free_run,
             "windows": {"count": self.windows, "length": self.window},
             "horizon": self.horizon,
-            "where": {entry.quantity: _bins(entry) for entry in self.profiles},
+            "where": {entry.quantity: _profile_document(entry) for entry in self.profiles},
             "refittable": list(self.refittable),
-            "coefficients": {entry.name: _plain(entry) for entry in self.coefficients},
+            "coefficients": {entry.name: _entry_document(entry) for entry in self.coefficients},
             "model_error_percent": 100.0 * self.model_error,
             **self._judgement(),
             "alerts": [alert.to_dict() for alert in self.alerts],
@@ -367,13 +367,13 @@ class Validation(JudgedView):
         return "\n\n".join(blocks)
 
 
-def _bins(profile: ErrorProfile) -> dict[str, Any]:
+def _profile_document(profile: ErrorProfile) -> dict[str, Any]:
     """A profile as plain data."""
     bins = {"edges": profile.edges, "error_percent": profile.error_percent, "samples": profile.samples}
     return {"unit": profile.unit, **{name: values.tolist() for name, values in bins.items()}}
 
 
-def _plain(entry: ChannelPrediction | CoefficientAgreement) -> dict[str, Any]:
+def _entry_document(entry: ChannelPrediction | CoefficientAgreement) -> dict[str, Any]:
     """The fields but the name, and whether it agrees."""
     return {key: value for key, value in asdict(entry).items() if key != "name"} | {"agrees": entry.agrees}
 

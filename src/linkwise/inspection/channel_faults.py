@@ -34,7 +34,7 @@ _NEAR = 0.05  # of a factor
 
 def delay(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels of one place that are not synchronous."""
-    for fit in _comparable(signals):
+    for fit in _fits_to_compare(signals):
         value, error = fit.delay
         samples = value * fit.upper.rate
         if abs(samples) < _DELAY or abs(value) < _CERTAIN * error:
@@ -52,7 +52,7 @@ def delay(signals: RecordSignals) -> Iterator[Alert]:
 def gain(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels of one place that disagree on the size of the motion."""
     named: list[KinematicFit] = []
-    for fit in _comparable(signals):
+    for fit in _fits_to_compare(signals):
         value, error = fit.gain
         right = abs(value - 1.0) < max(_GAIN, _CERTAIN * error)
         if right or any(_accounts_for(earlier, fit) for earlier in named):
@@ -77,7 +77,7 @@ def gain(signals: RecordSignals) -> Iterator[Alert]:
 
 def offset(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of velocities and accelerations with a constant error, by the displacement or velocity beside them."""
-    for fit in _comparable(signals):
+    for fit in _fits_to_compare(signals):
         value, error = fit.offset
         if abs(value) < max(_LEVEL * fit.upper.rms, _CERTAIN * error):
             continue
@@ -91,7 +91,7 @@ def offset(signals: RecordSignals) -> Iterator[Alert]:
 
 def drift(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of velocities and accelerations with a slow change, by the displacement or velocity beside them."""
-    for fit in _comparable(signals):
+    for fit in _fits_to_compare(signals):
         value, error = fit.trend
         over = value * signals.record.duration
         if abs(over) < _TREND * fit.upper.rms or abs(value) < _CERTAIN * error:
@@ -111,7 +111,7 @@ def _accounts_for(earlier: KinematicFit, fit: KinematicFit) -> bool:
     return earlier.upper is fit.lower and abs(first * second - 1.0) < max(_GAIN, _CERTAIN * error)
 
 
-def _comparable(signals: RecordSignals) -> list[KinematicFit]:
+def _fits_to_compare(signals: RecordSignals) -> list[KinematicFit]:
     return [fit for fit in signals.kinematics if fit.share > _EXPLAINED]
 
 
@@ -137,7 +137,7 @@ def offset_at_rest(signals: RecordSignals) -> Iterator[Alert]:
         if abs(value) < max(_REST_LEVEL * signal.rms, _REST_CERTAIN * error):
             continue
         message = (
-            f"is {value:.3g} +- {error:.1g} {signal.unit} while nothing moves, {_when(signal, rest)}: it acts like "
+            f"is {value:.3g} +- {error:.1g} {signal.unit} while nothing moves, {_time_of_rest(signal, rest)}: it acts like "
             "a constant force, and shifts wells and quadratic terms; subtract it, or estimate it with the laws"
         )
         yield Alert("offset", signal.channel, message, abs(value) / signal.rms, arguments=("offsets",))
@@ -150,17 +150,17 @@ def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
         if rest is None or rest.stop - rest.start < _LONG * len(signal.values):
             continue
         piece = signal.filled[rest]
-        slope, error = _slope(piece)
-        halves = [_slope(half) for half in np.array_split(piece, 2)]
+        slope, error = _slope_at_rest(piece)
+        halves = [_slope_at_rest(half) for half in np.array_split(piece, 2)]
         apart = abs(halves[0][0] - halves[1][0])
         allowed = _SLOPES_AGREE * np.hypot(halves[0][1], halves[1][1])
         over = slope * len(signal.values)
-        if not _is_line(piece, slope):
+        if not _is_straight(piece, slope):
             continue
         if abs(slope) < _REST_CERTAIN * error or abs(over) < _CHANGE * signal.rms or apart > allowed:
             continue
         message = (
-            f"drifts by {slope * signal.rate:.3g} {signal.unit}/s while nothing moves, {_when(signal, rest)}: by "
+            f"drifts by {slope * signal.rate:.3g} {signal.unit}/s while nothing moves, {_time_of_rest(signal, rest)}: by "
             f"{over:.3g} {signal.unit} over the record: it acts like a slow force, and biases stiffness; let the "
             "sensor warm up, subtract the trend, or use shorter pieces"
         )
@@ -168,7 +168,7 @@ def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
         yield Alert("drift", signal.channel, message, size, arguments=("drifts", "earliest", "latest"))
 
 
-def _when(signal: ChannelSignal, rest: slice) -> str:
+def _time_of_rest(signal: ChannelSignal, rest: slice) -> str:
     ends = [signal.start + sample / signal.rate for sample in (rest.start, rest.stop - 1)]
     return f"from {ends[0]:.4g} to {ends[1]:.4g} s"
 
@@ -177,7 +177,7 @@ def _block_means(values: Floats) -> Floats:
     return np.array([block.mean() for block in np.array_split(values, _BLOCKS)])
 
 
-def _slope(values: Floats) -> tuple[float, float]:
+def _slope_at_rest(values: Floats) -> tuple[float, float]:
     """Slope per sample and its standard error, from block means about the line."""
     middles, means = _block_means(np.arange(len(values), dtype=float)), _block_means(values)
     centred = middles - middles.mean()
@@ -186,7 +186,7 @@ def _slope(values: Floats) -> tuple[float, float]:
     return slope, float(np.sqrt(left @ left / (_BLOCKS - 2) / (centred @ centred)))
 
 
-def _is_line(values: Floats, slope: float) -> bool:
+def _is_straight(values: Floats, slope: float) -> bool:
     """Whether block means scatter about the line as noise of the samples does."""
     left = values - values.mean() - slope * (np.arange(len(values)) - 0.5 * (len(values) - 1))
     return bool(_block_means(left).std() < _SCATTER * left.std() * (_BLOCKS / len(values)) ** 0.5)
@@ -224,11 +224,11 @@ def driven_mass(record: Record, force: str, masses: Mapping[str, float]) -> str 
         return None
     half = 1
     while half <= min(_LONGEST, len(record) // 8):
-        found = {name: _share(record, force, responses[name][0], masses[name], half) for name in masses}
-        if all(error < _ERROR for _, error in found.values()):
-            driven = [name for name, (share, _) in found.items() if abs(share - 1.0) < _ALIKE]
-            idle = [name for name, (share, _) in found.items() if abs(share) < _IDLE]
-            return driven[0] if len(driven) == 1 and len(driven) + len(idle) == len(found) else None
+        shares = {name: _share(record, force, responses[name][0], masses[name], half) for name in masses}
+        if all(error < _ERROR for _, error in shares.values()):
+            driven = [name for name, (share, _) in shares.items() if abs(share - 1.0) < _ALIKE]
+            idle = [name for name, (share, _) in shares.items() if abs(share) < _IDLE]
+            return driven[0] if len(driven) == 1 and len(driven) + len(idle) == len(shares) else None
         half *= 2
     return None
 

@@ -44,7 +44,7 @@ class Spectrogram:
     @classmethod
     def of(cls, values: Floats, rate: float) -> Spectrogram:
         """That of samples (N,) at `rate` in Hz, without their mean, straight lines over missing samples."""
-        first, block, window = _blocks(len(values))
+        first, block, window = _spectral_blocks(len(values))
         power = np.abs(_transformed(values)) ** 2 * (2.0 / (rate * np.sum(window**2)))
         power[:, 0] *= 0.5
         if block % 2 == 0:
@@ -78,7 +78,7 @@ class Coherence:
         values = np.divide(cross, power, out=np.zeros(len(cross)), where=power > 0.0)
         blocks = len(of_first) / SHARED_BLOCKS
         by_chance = 1.0 - _CHANCE ** (1.0 / (blocks - 1.0)) if blocks > 1.0 else 1.0
-        return cls(_frequencies(_blocks(len(first))[1], rate), values, by_chance)
+        return cls(_frequencies(_spectral_blocks(len(first))[1], rate), values, by_chance)
 
 
 def _frequencies(block: int, rate: float) -> Floats:
@@ -87,13 +87,13 @@ def _frequencies(block: int, rate: float) -> Floats:
 
 def _transformed(values: Floats) -> NDArray[np.complex128]:
     """Fourier transforms (B, F) of the blocks of samples (N,); importing `scipy.signal` takes longer than an answer does."""
-    first, block, window = _blocks(len(values))
+    first, block, window = _spectral_blocks(len(values))
     filled = bridged(values)
     frames = (filled - filled.mean())[first[:, None] + np.arange(block)] * window
     return np.fft.rfft(frames, axis=1)
 
 
-def _blocks(count: int) -> tuple[Indices, int, Floats]:
+def _spectral_blocks(count: int) -> tuple[Indices, int, Floats]:
     """The first samples (B,) of the blocks of `count` samples, the samples in each, and the window over them."""
     block = min(_LONGEST, 2 ** int(np.log2(max(count // _BLOCKS, 16))), count)
     return np.arange(0, count - block + 1, max(block // 2, 1)), block, np.hanning(block + 2)[1:-1]
@@ -245,11 +245,11 @@ class ChannelSignal:
     @cached_property
     def digits(self) -> int:
         """Significant decimal digits of the samples; 17 where they are as many as a number holds."""
-        some = self.observed[:: max(1, len(self.observed) // _LOOKED_AT)]
-        some = some[some != 0.0]
-        roundings = _ROUNDED * np.spacing(np.abs(some))
+        looked_at = self.observed[:: max(1, len(self.observed) // _LOOKED_AT)]
+        looked_at = looked_at[looked_at != 0.0]
+        roundings = _ROUNDED * np.spacing(np.abs(looked_at))
         for digits in range(1, _PRINTED):
-            pairs = zip(some.tolist(), roundings.tolist(), strict=True)
+            pairs = zip(looked_at.tolist(), roundings.tolist(), strict=True)
             if all(abs(float(f"{value:.{digits - 1}e}") - value) <= least for value, least in pairs):
                 return digits
         return 17
@@ -318,23 +318,23 @@ class KinematicFit:
     share: float
 
 
-def _fit(lower: ChannelSignal, upper: ChannelSignal) -> KinematicFit | None:
+def _kinematic_fit(lower: ChannelSignal, upper: ChannelSignal) -> KinematicFit | None:
     """The fit of two channels; None where the record is too short or has too few complete pieces.
 
     A delay as long as a part of the fastest period has several valleys, of which the one that explains most is taken. Where
     none settles, the fit about no delay stands.
     """
-    width = _width(lower, upper)
+    width = _test_width(lower, upper)
     first = _fit_about(lower, upper, 0.0)
     if first is None:
         return None
     far = abs(first.delay[0]) * upper.rate > _FAR * width
     starts = np.arange(-1.0, 1.25, 0.25) * width if far else (0.0,)
-    settled = (_settled(lower, upper, float(start)) for start in starts)
+    settled = (_fit_at_own_delay(lower, upper, float(start)) for start in starts)
     return max(filter(None, settled), key=lambda fit: fit.share, default=first)
 
 
-def _settled(lower: ChannelSignal, upper: ChannelSignal, late: float) -> KinematicFit | None:
+def _fit_at_own_delay(lower: ChannelSignal, upper: ChannelSignal, late: float) -> KinematicFit | None:
     """The fit about its own delay, which enters to first order, searched from `late` samples; None if there is none."""
     for _ in range(_STEPS):
         fit = _fit_about(lower, upper, late)
@@ -349,7 +349,7 @@ def _settled(lower: ChannelSignal, upper: ChannelSignal, late: float) -> Kinemat
     return None
 
 
-def _width(lower: ChannelSignal, upper: ChannelSignal) -> int:
+def _test_width(lower: ChannelSignal, upper: ChannelSignal) -> int:
     """Samples that half a test function spans; 0 where nothing moves."""
     highest = max(lower.highest, min(upper.highest, 0.1 * upper.rate))
     return max(8, round(_PERIODS * lower.rate / highest)) if highest > 0.0 else 0
@@ -359,7 +359,7 @@ def _fit_about(lower: ChannelSignal, upper: ChannelSignal, late: float) -> Kinem
     """The fit of two channels, of which `upper` comes `late` by so many samples and by the delay of the fit."""
     shift = round(late)
     order = upper.channel.order - lower.channel.order
-    width = _width(lower, upper)
+    width = _test_width(lower, upper)
     count = len(lower.values) - abs(shift)
     if not width or count < width * _FEWEST:
         return None
@@ -379,10 +379,10 @@ def _fit_about(lower: ChannelSignal, upper: ChannelSignal, late: float) -> Kinem
     if len(target) < 4 * _FEWEST or not target.any():
         return None
     noise = np.array([lower.sigma**2 * float(row @ row) for row in tests[order : order + 2]])
-    return _solved(lower, upper, columns, target, noise)
+    return _jackknifed_fit(lower, upper, columns, target, noise)
 
 
-def _solved(
+def _jackknifed_fit(
     lower: ChannelSignal, upper: ChannelSignal, columns: Floats, target: Floats, noise: Floats
 ) -> KinematicFit | None:
     """Least squares without the bias of the `noise` (2,) in the first two columns, with errors by a jackknife over blocks."""
@@ -447,8 +447,8 @@ class RecordSignals:
         """The samples at an end in which a channel rests and nothing drives the structure; None where there are none."""
         if signal.rest is None:
             return None
-        inputs = [given for given in self.moving if given.is_input]
-        driven = any(float(np.std(given.filled[signal.rest])) > QUIET * given.rms for given in inputs)
+        inputs = [drive for drive in self.moving if drive.is_input]
+        driven = any(float(np.std(drive.filled[signal.rest])) > QUIET * drive.rms for drive in inputs)
         return None if driven else signal.rest
 
     @cached_property
@@ -459,5 +459,5 @@ class RecordSignals:
             if signal.channel.is_motion:
                 places.setdefault((signal.channel.place, signal.channel.relative), []).append(signal)
         ordered = (sorted(beside, key=lambda signal: signal.channel.order) for beside in places.values())
-        fits = (_fit(*pair) for beside in ordered for pair in pairwise(beside))
+        fits = (_kinematic_fit(*pair) for beside in ordered for pair in pairwise(beside))
         return tuple(fit for fit in fits if fit is not None)

@@ -239,17 +239,17 @@ def _claim(comparison: LevelComparison) -> str:
     if first is None:
         claim = "Linear" if comparison.trusted else "Perhaps linear"
         by = "with the level" if len(comparison.levels) > 1 else "as it rings down"
-        return f"{claim} up to {_level(comparison, -1)}: no mode moves {by} by more than its errors."
+        return f"{claim} up to {_level_text(comparison, -1)}: no mode moves {by} by more than its errors."
     moved = comparison.moved(first)
     modes = f"mode{'s' if len(moved) > 1 else ''} {', '.join(map(str, moved))}"
     lowest = f"{comparison.levels[0]:.3g} {comparison.unit}"
     return (
-        f"Not linear from {_level(comparison, first)} on ({comparison.labels[first]}): {modes} "
+        f"Not linear from {_level_text(comparison, first)} on ({comparison.labels[first]}): {modes} "
         f"differ{'s' if len(moved) == 1 else ''} from {lowest} by more than errors."
     )
 
 
-def _level(comparison: LevelComparison, number: int) -> str:
+def _level_text(comparison: LevelComparison, number: int) -> str:
     """A level in words."""
     of = "force" if comparison.channel is None else comparison.channel
     return f"a peak {of} of {comparison.levels[number]:.3g} {comparison.unit}"
@@ -274,12 +274,12 @@ def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
             if comparison.lost[level, mode]:
                 rows.append((*record, str(mode + 1), *[""] * 4, "lost"))
                 continue
-            sizes = _sizes(comparison._modes[level, mode].tolist())
+            sizes = _mode_cells(comparison._modes[level, mode].tolist())
             rows.append((*record, str(mode + 1), *sizes, "yes" if mode + 1 in moved else ""))
     return rows
 
 
-def _sizes(mode: Sequence[float]) -> tuple[str, ...]:
+def _mode_cells(mode: Sequence[float]) -> tuple[str, ...]:
     """Frequency and damping in % of a mode, each with its standard error."""
     f, df, d, dd = mode
     return *format_both(f, df), *format_both(100.0 * d, 100.0 * dd)
@@ -289,11 +289,11 @@ def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     """A row for each level with a periodic force."""
     title = ("distortion of", comparison.level_name, "period, s", "odd, dB", "even, dB", "scatter, dB")
     rows: list[tuple[str, ...]] = [title]
-    for level, found in zip(comparison.levels, comparison.distortions, strict=True):
-        if found is not None:
-            sizes = (found.odd, found.even, found.noise)
+    for level, of_level in zip(comparison.levels, comparison.distortions, strict=True):
+        if of_level is not None:
+            sizes = (of_level.odd, of_level.even, of_level.noise)
             powers = ("" if power is None else f"{power:.1f}" for power in sizes)
-            rows.append((found.channel, f"{level:.3g}", f"{found.period:.4g}", *powers))
+            rows.append((of_level.channel, f"{level:.3g}", f"{of_level.period:.4g}", *powers))
     return rows
 
 
@@ -304,7 +304,7 @@ def ring_down_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
         places = np.unique(np.linspace(0, len(ring.amplitude) - 1, _ROWS).round().astype(int))
         for place in places.tolist():
             named = (ring_name(ring), ring.channel) if place == 0 else ("", "")
-            sizes = _sizes([float(getattr(ring, name)[place]) for name in _OF_WINDOWS[1:]])
+            sizes = _mode_cells([float(getattr(ring, name)[place]) for name in _OF_WINDOWS[1:]])
             rows.append((*named, f"{ring.amplitude[place]:.3g}", *sizes, ring.unit))
     return rows
 

@@ -147,7 +147,7 @@ class Distortion:
 def distortion(record: Record, response: str, force: str) -> Distortion | None:
     """That of a response to a force; None where the force does not repeat, or samples are missing."""
     applied, values = record.channel(force), record.channel(response)
-    period = _period(applied)
+    period = _force_period(applied)
     if period is None or not np.isfinite(values).all():
         return None
     count = len(record) // period
@@ -175,7 +175,7 @@ def distortion(record: Record, response: str, force: str) -> Distortion | None:
     return Distortion(response, period * record.step, of_parity(1), of_parity(0), noise)
 
 
-def _period(force: Floats) -> int | None:
+def _force_period(force: Floats) -> int | None:
     """The shortest shift in samples after which a force repeats, twice or more in the record; None if there is none."""
     values = force - force.mean()
     n = len(values)
@@ -301,7 +301,7 @@ def ring_downs(record: Record, noise: Mapping[str, float]) -> tuple[RingDown, ..
     decay = decay_of(record)
     centers = decaying_modes(decay, noise)[:, 0]
     names = motions(decay)
-    decay = decay[: _decayed(decay, names, noise)] if len(centers) else decay
+    decay = decay[: _samples_of_decay(decay, names, noise)] if len(centers) else decay
     rings = filter(None, (_ring_down(decay, names, centers, mode, noise) for mode in range(len(centers))))
     return tuple(replace(ring, mode=number) for number, ring in enumerate(rings, start=1))
 
@@ -313,7 +313,7 @@ def decaying_modes(decay: Record, noise: Mapping[str, float]) -> Floats:
     later on. There a frequency counts as another mode where no shift of one that is known already would explain it.
     """
     names = motions(decay)
-    count = _decayed(decay, names, noise) if names else 0
+    count = _samples_of_decay(decay, names, noise) if names else 0
     known = np.empty((0, 2))
     for _ in range(_HALVES):
         first, last = count // 2, count
@@ -323,7 +323,7 @@ def decaying_modes(decay: Record, noise: Mapping[str, float]) -> Floats:
         count, pursued = first, pursued_modes(part, None, silent, most=_MODES)
         if not len(pursued.frequencies):
             continue
-        modes = _separate(refined_modes(part, pursued.frequencies, pursued.damping))
+        modes = _separate_modes(refined_modes(part, pursued.frequencies, pursued.damping))
         shift = np.abs(np.log(modes[:, :1] / known[:, 0])).min(axis=1, initial=np.inf)
         known = np.concatenate([known, modes[shift > _SHIFT] if len(known) else modes])
     return np.asarray(known[np.argsort(known[:, 0])])
@@ -348,7 +348,7 @@ def decay_of(record: Record) -> Record:
     return record[min(first, len(record) - 1) :]
 
 
-def _decayed(decay: Record, names: list[Channel], noise: Mapping[str, float]) -> int:
+def _samples_of_decay(decay: Record, names: list[Channel], noise: Mapping[str, float]) -> int:
     """The number of samples until the motion in all channels has sunk into the noise."""
     edges = np.linspace(0, len(decay), min(_PIECES, len(decay)) + 1).astype(int)
     values = decay.select(names).values
@@ -358,7 +358,7 @@ def _decayed(decay: Record, names: list[Channel], noise: Mapping[str, float]) ->
     return int(edges[moves[-1] + 1]) if len(moves) else 0
 
 
-def _separate(modes: RefinedModes) -> Floats:
+def _separate_modes(modes: RefinedModes) -> Floats:
     """(n, 2) frequencies in Hz and damping of the modes that ring; of two whose half-power bands overlap, that with less."""
     half = modes.damping * modes.frequencies
     share = (modes.free / modes.free.max(axis=0, initial=_TINY)).max(axis=1, initial=0.0)

@@ -248,7 +248,7 @@ def jumps(signal: ChannelSignal) -> Indices:
         return rows[:0]
     clipped = np.flatnonzero(np.isin(signal.filled, [value for value, _ in rails(signal)]))
     apart = np.abs(rows[:, None] - clipped).min(axis=1, initial=len(signal.filled)) > _JUMP_REACH
-    behind = [_jump(signal.filled, int(row)) for row in rows[apart]]
+    behind = [_jump_at(signal.filled, int(row)) for row in rows[apart]]
     rows = np.unique([row for row in behind if row is not None]).astype(int)
     return rows[np.diff(rows, prepend=-_JUMP_REACH) > 2]
 
@@ -260,7 +260,7 @@ def _spikes(signal: ChannelSignal) -> Indices:
         return rows
     size = np.abs(_deviations(values))
     smooth = [row for row in rows.tolist() if _left_by_neighbours(values, row) < _ROUGH * size[row] ** 2]
-    return np.array([row for row in smooth if _jump(values, row) is None], dtype=int)
+    return np.array([row for row in smooth if _jump_at(values, row) is None], dtype=int)
 
 
 def _left_by_neighbours(values: Floats, row: int) -> float:
@@ -270,7 +270,7 @@ def _left_by_neighbours(values: Floats, row: int) -> float:
     return _left((near - row) / _JUMP_REACH, values[near], 4)
 
 
-def _jump(values: Floats, row: int) -> int | None:
+def _jump_at(values: Floats, row: int) -> int | None:
     """The first sample behind a jump at an outlier; None where the neighbours of the outlier go on without it."""
     first, last = max(row - _JUMP_REACH, 0), min(row + _JUMP_REACH + 1, len(values))
     if last - first < 2 * _JUMP_REACH + 1:
@@ -307,10 +307,10 @@ def _outliers(signal: ChannelSignal) -> Indices:
     if signal.channel.kind == "a":
         limit = np.maximum(limit, _SHARP * signal.rms)
     candidates = np.flatnonzero(size > limit)
-    return np.array([row for row in candidates if _alone(values, deviations, int(row))], dtype=int)
+    return np.array([row for row in candidates if _stands_alone(values, deviations, int(row))], dtype=int)
 
 
-def _alone(values: Floats, deviations: Floats, row: int) -> bool:
+def _stands_alone(values: Floats, deviations: Floats, row: int) -> bool:
     """Whether nothing is odd around a sample once it is replaced by what its neighbours say."""
     first, last = max(row - 2 * _HALF_WINDOW, 0), min(row + 2 * _HALF_WINDOW + 1, len(values))
     mended = values[first:last].copy()
@@ -336,12 +336,12 @@ def doubled(signals: RecordSignals) -> Iterator[Alert]:
     for signal in signals.responses:
         steps = np.abs(np.diff(signal.filled))
         known = signal.present[1:] & signal.present[:-1]
-        repeats = (steps == 0.0) & known & (_moves(steps) | _in_rows(steps, signal))
+        repeats = (steps == 0.0) & known & (_moves_around(steps) | _in_rows_of_repeats(steps, signal))
         ends = (signal.filled[1:] == signal.levels[0]) | (signal.filled[1:] == signal.levels[-1])
         count = int((repeats & ~ends).sum())
         if not count:
             continue
-        natural = _natural(steps[known], signal.grain[1:][known])
+        natural = _repeats_by_rounding(steps[known], signal.grain[1:][known])
         if natural > _NEVER and count <= _FEWEST_REPEATS + _EXPECTED * natural:
             continue
         first = signal.start + int(np.argmax(repeats & ~ends)) / signal.rate
@@ -357,7 +357,7 @@ def doubled(signals: RecordSignals) -> Iterator[Alert]:
         yield Alert("doubled", signal.channel, message, size, arguments=("earliest", "latest"))
 
 
-def _natural(steps: Floats, grain: Floats) -> float:
+def _repeats_by_rounding(steps: Floats, grain: Floats) -> float:
     """Number of repeats that rounding explains, for differences `steps` of samples with a `grain`.
 
     Where many differences are about as small as the smallest, samples have a step of that size, whatever their digits: no
@@ -369,7 +369,7 @@ def _natural(steps: Floats, grain: Floats) -> float:
     return max(by_step, float(np.sum(grain[(steps > 0.0) & (steps < width)]) / width))
 
 
-def _in_rows(steps: Floats, signal: ChannelSignal) -> Bools:
+def _in_rows_of_repeats(steps: Floats, signal: ChannelSignal) -> Bools:
     """Whether each step is in a longer row of repeats, which begins and ends in motion, of a channel with noise.
 
     Noise shows in every sample, also of what rests; only a channel without noise, or rounded more coarsely, can repeat samples
@@ -386,7 +386,7 @@ def _in_rows(steps: Floats, signal: ChannelSignal) -> Bools:
     return np.asarray(inside & (length >= _ROW))
 
 
-def _moves(steps: Floats) -> Bools:
+def _moves_around(steps: Floats) -> Bools:
     """Whether the channel moves on either side of each step, so that a repeat is no rest."""
     moving = np.concatenate([[0], np.cumsum(steps > 0.0)])
     index = np.arange(len(steps))
@@ -430,11 +430,11 @@ def copies(signal: ChannelSignal) -> list[tuple[int, slice]]:
 def copied(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses with samples that were there before, as of a buffer that was written twice."""
     for signal in signals.responses:
-        found = copies(signal)
-        if not found:
+        repeated = copies(signal)
+        if not repeated:
             continue
-        count = sum(copy.stop - copy.start for _, copy in found)
-        first, copy = found[0]
+        count = sum(copy.stop - copy.start for _, copy in repeated)
+        first, copy = repeated[0]
         then, now = (signal.start + sample / signal.rate for sample in (first, copy.start))
         message = (
             f"{count} samples from {now:g} s on are those from {then:g} s on, bit for bit: a buffer was written twice, so "

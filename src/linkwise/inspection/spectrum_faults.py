@@ -30,14 +30,14 @@ _SINE = 0.95  # of the power of an input in one line: a sine
 
 def hum(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels with a steady line of the mains."""
-    driven = [_peak(signal) for signal in signals.moving if signal.is_input]
+    driven = [_strongest_frequency(signal) for signal in signals.moving if signal.is_input]
     for signal in signals.responses:
         steady = [
             line
             for mains in _MAINS
             for order in range(1, _HARMONICS + 1)
             if (frequency := order * mains) < 0.45 * signal.rate
-            and not any(_is_harmonic(frequency, of, signals.record.duration) for of in driven)
+            and not any(_is_harmonic_of_input(frequency, of, signals.record.duration) for of in driven)
             and (line := _steady_line(signal, frequency))[1]
         ]
         if not steady:
@@ -52,7 +52,7 @@ def hum(signals: RecordSignals) -> Iterator[Alert]:
         yield Alert("hum", signal.channel, message, error, arguments=("hums",), frequencies=frequencies)
 
 
-def _peak(signal: ChannelSignal) -> tuple[float, float]:
+def _strongest_frequency(signal: ChannelSignal) -> tuple[float, float]:
     """The frequency in Hz at which an input is strongest, and the number of its harmonics that a motion may have.
 
     It is found between the lines of the spectrum: a harmonic is off by a multiple of what it is off.
@@ -76,7 +76,7 @@ def _peak(signal: ChannelSignal) -> tuple[float, float]:
     return frequency, np.inf if is_sine else _INPUT
 
 
-def _is_harmonic(frequency: float, driven: tuple[float, float], duration: float) -> bool:
+def _is_harmonic_of_input(frequency: float, driven: tuple[float, float], duration: float) -> bool:
     """Whether a line belongs to the frequency of an input, or to the half or the third of it."""
     resolution, (of, harmonics) = 2.0 / duration, driven
     near = resolution + _OFF
@@ -108,10 +108,10 @@ def _steady_line(signal: ChannelSignal, frequency: float) -> tuple[float, float]
     audible = amplitude > _ABOVE * max(noise, scatter) / _QUIETEST**0.5
     steady = audible and scatter < _SPREAD * amplitude + 1.5 * noise
     at = frequency + float(offsets[best])
-    return at, amplitude if steady and _is_line(signal, at) else 0.0
+    return at, amplitude if steady and _stands_out(signal, at) else 0.0
 
 
-def _is_line(signal: ChannelSignal, frequency: float) -> bool:
+def _stands_out(signal: ChannelSignal, frequency: float) -> bool:
     """Whether the line stands out of its neighbourhood in the spectrum of the whole record."""
     values = signal.filled - signal.observed.mean()
     window = np.hanning(len(values))
@@ -165,7 +165,7 @@ def coloured(signals: RecordSignals) -> Iterator[Alert]:
         index, still = np.arange(rest.stop - rest.start), signal.filled[rest]
         values = still - np.polynomial.Polynomial.fit(index, still, 2)(index)
         sigma = float(values.std())
-        tilt, error = _tilt(values)
+        tilt, error = _spectral_tilt(values)
         if sigma < max(_QUIET * signal.rms, 2.0 * signal.step) or abs(tilt) < max(_TILTED, _CERTAIN * error):
             continue
         correlations = [float(part[1:] @ part[:-1]) / len(part) for part in np.array_split(values, 3)]
@@ -180,7 +180,7 @@ def coloured(signals: RecordSignals) -> Iterator[Alert]:
         yield Alert("coloured", signal.channel, message, sigma / signal.rms)
 
 
-def _tilt(values: Floats) -> tuple[float, float]:
+def _spectral_tilt(values: Floats) -> tuple[float, float]:
     """Logarithm of the ratio of the power in two bands above the motion, and its standard error for noise.
 
     Medians leave the lines of a motion out.

@@ -127,7 +127,7 @@ class ModalMeasurement:
         for record in records:
             if set(record.channels) != set(records[0].channels):
                 raise IdentificationError("the records of a modal test must have the same channels")
-            _check(record, responses, forces)
+            _check_record(record, responses, forces)
         places = [channel.place for channel in (*responses, *forces)]
         host = _host_named(name, places)
         own = [place.removeprefix(f"{host}.") for place in places]
@@ -139,9 +139,9 @@ class ModalMeasurement:
                 f"no response was measured at {' or '.join(dict.fromkeys(places[len(responses) :]))}, where the force acts: "
                 "shapes have no scale without one. Hit the structure at a sensor, or add a sensor where it is hit"
             )
-        runs = tuple(_run(record, responses, forces) for record in records)
+        runs = tuple(_measured_run(record, responses, forces) for record in records)
         kinds = np.array([channel.order for channel in responses])
-        return cls(host, points, kinds, sensed, forced, runs, _masses(masses, points, forces))
+        return cls(host, points, kinds, sensed, forced, runs, _point_masses(masses, points, forces))
 
     @classmethod
     def of_decay(cls, record: Record) -> ModalMeasurement:
@@ -149,11 +149,11 @@ class ModalMeasurement:
         points = tuple(dict.fromkeys(channel.place for channel in record.motions))
         sensed = np.array([points.index(channel.place) for channel in record.motions])
         kinds = np.array([channel.order for channel in record.motions])
-        run = _run(record, record.motions, ())
+        run = _measured_run(record, record.motions, ())
         return cls("", points, kinds, sensed, np.empty(0, dtype=np.intp), (run,))
 
 
-def _masses(masses: Mapping[str, float], points: Sequence[str], forces: Sequence[str]) -> Floats:
+def _point_masses(masses: Mapping[str, float], points: Sequence[str], forces: Sequence[str]) -> Floats:
     """(m,) kg at the points."""
     if masses and forces:
         raise IdentificationError(
@@ -169,7 +169,7 @@ def _masses(masses: Mapping[str, float], points: Sequence[str], forces: Sequence
     return np.array([masses.get(point, 0.0) for point in points])
 
 
-def _run(record: Record, responses: Sequence[str], forces: Sequence[str]) -> MeasuredRun:
+def _measured_run(record: Record, responses: Sequence[str], forces: Sequence[str]) -> MeasuredRun:
     """One record, its responses and its forces."""
     noise = channel_noise(record)
     deviations = np.array([noise[name] for name in responses])
@@ -177,7 +177,7 @@ def _run(record: Record, responses: Sequence[str], forces: Sequence[str]) -> Mea
     return MeasuredRun(record.select(responses).values.T.copy(), deviations, sampled, record.step)
 
 
-def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> None:
+def _check_record(record: Record, responses: Sequence[str], forces: Sequence[str]) -> None:
     if not responses:
         raise IdentificationError(
             "a modal test needs the motion at points, and the applied force where one acts: channels such as force:beam.tip "

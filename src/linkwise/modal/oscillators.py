@@ -132,10 +132,10 @@ class ComplexModes:
     def damping_changes(self) -> Floats:
         """(I, n, n) derivatives of the damping matrix by frequency and ratio of each coordinate in turn, then by `between`."""
         n = len(self.frequencies)
-        own = np.arange(n)
+        diagonal = np.arange(n)
         changes = np.zeros((2 * n + len(self.pairs), n, n))
-        changes[2 * own, own, own] = 4.0 * np.pi * self.ratios
-        changes[2 * own + 1, own, own] = 4.0 * np.pi * self.frequencies
+        changes[2 * diagonal, diagonal, diagonal] = 4.0 * np.pi * self.ratios
+        changes[2 * diagonal + 1, diagonal, diagonal] = 4.0 * np.pi * self.frequencies
         for number, (r, s) in enumerate(self.pairs, start=2 * n):
             changes[number, r, s] = changes[number, s, r] = 1.0
         return changes
@@ -143,14 +143,14 @@ class ComplexModes:
     @cached_property
     def changes(self) -> tuple[Complex, Complex]:
         """Derivatives of the poles (I, n) and of the vectors (I, n, n) by the same."""
-        poles, vectors, own = self.poles, self.vectors, np.arange(len(self.frequencies))
+        poles, vectors, diagonal = self.poles, self.vectors, np.arange(len(self.frequencies))
         every, all_poles = np.concatenate([vectors, vectors.conj()]), np.concatenate([poles, poles.conj()])
         damped = every @ (self.damping_changes @ vectors.T)  # psi_j' dC psi_k
         moved = -damped * poles
         stiffer = 8.0 * np.pi**2 * self.frequencies  # of the squares of the frequencies
-        moved[2 * own] -= np.einsum("jr,r,kr->rjk", every, stiffer, vectors)
+        moved[2 * diagonal] -= np.einsum("jr,r,kr->rjk", every, stiffer, vectors)
         apart = poles - all_poles[:, None]
         coincide = np.abs(apart) < _SAME * np.abs(poles)
         turned = np.where(coincide, 0.0, moved / np.where(coincide, 1.0, apart))
-        turned[:, own, own] = -0.5 * damped[:, own, own]
-        return moved[:, own, own], turned.transpose(0, 2, 1) @ every
+        turned[:, diagonal, diagonal] = -0.5 * damped[:, diagonal, diagonal]
+        return moved[:, diagonal, diagonal], turned.transpose(0, 2, 1) @ every

@@ -169,14 +169,14 @@ class ModalFit:
 def modal_fit(measured: ModalMeasurement, start: PursuedModes, progress: Progress = silent) -> ModalFit:
     """The most likely modes, searched from a start; with damping between pairs of them where that of one stands out."""
     problem = _OutputError(measured, len(start.frequencies))
-    found = _searched(problem, problem.start(start), part(progress, 0.0, 0.5))
-    coupled, point = _with_pairs(problem, *found[:2])
+    optimum = _searched(problem, problem.start(start), part(progress, 0.0, 0.5))
+    coupled, point = _with_pairs(problem, *optimum[:2])
     if coupled.pairs:
         fit = _fit(coupled, _searched(coupled, point, part(progress, 0.5, 1.0)))
         errors = np.sqrt(fit.covariance.diagonal()) * fit.block_ratios
         if np.any(np.abs(fit.between) > _STANDS_OUT * errors[-len(fit.pairs) :]):
             return fit
-    return _fit(problem, found)
+    return _fit(problem, optimum)
 
 
 def _fit(problem: _OutputError, found: tuple[Floats, Floats, bool]) -> ModalFit:
@@ -223,8 +223,8 @@ def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_O
     """The problem with damping between pairs of modes, and where to start from, if one of them gains enough."""
     far = problem.modes if problem.modes <= _EVERY_PAIR else _NEIGHBOURS
     pairs = tuple(pair for pair in combinations(range(problem.modes), 2) if pair[1] - pair[0] <= far)
-    own = problem.by_mode(theta)
-    damping = 4.0 * np.pi * own[:, 0] * own[:, 1]
+    of_modes = problem.by_mode(theta)
+    damping = 4.0 * np.pi * of_modes[:, 0] * of_modes[:, 1]
     sizes = np.array([np.sqrt(damping[first] * damping[second]) for first, second in pairs])
     coupled = replace(problem, pairs=pairs, sizes=sizes)
     point = np.insert(theta, problem.own, np.zeros(len(pairs)))
@@ -315,8 +315,8 @@ class _OutputError:
 
     def free(self, theta: Floats, run: int) -> Complex:
         """(n,) free motion of the modes at the start of a record, as complex accelerations."""
-        first, own = self._free(run), self.by_mode(theta)
-        poles = np.array([pole(*map(float, row)) for row in own[:, :2]])
+        first, of_modes = self._free(run), self.by_mode(theta)
+        poles = np.array([pole(*map(float, row)) for row in of_modes[:, :2]])
         q, v = theta[first : first + 2 * self.modes].reshape(self.modes, 2).T
         return np.asarray((q - 1j * (v - poles.real * q) / poles.imag) * poles**2)
 
@@ -346,17 +346,17 @@ class _OutputError:
     def within(self, theta: Floats) -> Floats:
         """Parameters with positive frequencies and damping below the critical one."""
         bounded = theta.copy()
-        own = self.by_mode(bounded)
-        own[:, 0] = np.abs(own[:, 0])
-        own[:, 1] = np.clip(own[:, 1], _LEAST_DAMPING, _LARGEST_DAMPING)
+        of_modes = self.by_mode(bounded)
+        of_modes[:, 0] = np.abs(of_modes[:, 0])
+        of_modes[:, 1] = np.clip(of_modes[:, 1], _LEAST_DAMPING, _LARGEST_DAMPING)
         return bounded
 
     def _coupled(self, theta: Floats, run: int) -> CoupledResponse:
         """Of a record, without offsets."""
-        own, first = self.by_mode(theta), self._free(run)
-        modes = ComplexModes(own[:, 0], own[:, 1], self.pairs, self.between(theta))
+        of_modes, first = self.by_mode(theta), self._free(run)
+        modes = ComplexModes(of_modes[:, 0], of_modes[:, 1], self.pairs, self.between(theta))
         start = theta[first : first + 2 * self.modes].reshape(self.modes, 2)
-        return CoupledResponse(self.measured, modes, own[:, 2:], start)
+        return CoupledResponse(self.measured, modes, of_modes[:, 2:], start)
 
     def response(self, theta: Floats, run: int) -> Floats:
         """(C, N) of a record."""
@@ -386,8 +386,8 @@ class _OutputError:
 
     def blocks(self, theta: Floats) -> int:
         """Of each record: as many as the slowest mode rings down in it, and no fewer than needed to compare them."""
-        own = self.by_mode(theta)
-        slowest = float(np.min(2.0 * np.pi * own[:, 0] * own[:, 1]))
+        of_modes = self.by_mode(theta)
+        slowest = float(np.min(2.0 * np.pi * of_modes[:, 0] * of_modes[:, 1]))
         shortest = min(run.count * run.step for run in self.measured.runs)
         fewest = max(1, -(-_FEWEST // len(self.measured.runs)))
         return int(np.clip(shortest * slowest, fewest, _MOST))

@@ -195,7 +195,7 @@ class Projection:
         for channel, (fit, kind) in enumerate(zip(self._fits[run], self.measured.kinds, strict=True)):
             of_modes = zip(weights[channel], changes, strict=True)
             rows = np.concatenate(
-                [np.einsum("p,jpt->jt", own, change[:, :, kind]) for own, change in of_modes]
+                [np.einsum("p,jpt->jt", sizes, change[:, :, kind]) for sizes, change in of_modes]
             )
             rows = np.where(known[channel], rows, 0.0)
             products = scipy.linalg.cho_solve(fit.basis.factor, fit.basis.columns @ rows.T)
@@ -245,12 +245,12 @@ def pursued_modes(
         addition = best_addition(modes, doubtful)
         if addition is None or any(low < np.exp(addition[0, 0]) < high for low, high in doubtful):
             break
-        added = _refined(part, np.concatenate([modes.logs, addition]))
+        added = _refined_projection(part, np.concatenate([modes.logs, addition]))
         gains = count is not None or (_criterion(added) < _criterion(modes) and _gains_in_bands(modes, added))
         if not gains or (count is None and not _stands_out(modes, added)):
             break
         if count is None and _is_doubled(added):
-            doubtful.append(_band(addition, modes))
+            doubtful.append(_doubtful_band(addition, modes))
             continue
         modes = added
     modes = Projection(part, modes.logs[np.argsort(modes.logs[:, 0])])
@@ -266,12 +266,12 @@ def _is_doubled(modes: Projection) -> bool:
     return doubled_mode(frequencies, damping, motions) is not None
 
 
-def _band(addition: Floats, modes: Projection) -> tuple[float, float]:
+def _doubtful_band(addition: Floats, modes: Projection) -> tuple[float, float]:
     """Frequencies in Hz beside an addition (1, 2) in which no more is looked for: what one mode leaves hides others."""
     widths = np.exp(np.concatenate([modes.logs, addition]).sum(axis=1))  # Hz, half of the bands of half power
-    own = float(np.exp(addition[0, 0]))
+    hz = float(np.exp(addition[0, 0]))
     width = _BESIDE * float(max(widths[-1], widths[np.argmin(np.abs(modes.logs[:, 0] - addition[0, 0]))]))
-    return own - width, own + width
+    return hz - width, hz + width
 
 
 def doubled_mode(frequencies: Floats, damping: Floats, motions: Floats) -> int | None:
@@ -280,7 +280,7 @@ def doubled_mode(frequencies: Floats, damping: Floats, motions: Floats) -> int |
     `motions` (n, p) are residues or shapes. Modes of a linear structure that lie so close move differently.
     """
     sizes = np.linalg.norm(motions, axis=1)
-    pairs = np.argwhere(np.triu(_alike(frequencies, damping, motions, _HALF_POWER), k=1)).tolist()
+    pairs = np.argwhere(np.triu(_moving_alike(frequencies, damping, motions, _HALF_POWER), k=1)).tolist()
     return min(pairs[0], key=lambda number: float(sizes[number] / damping[number])) if pairs else None
 
 
@@ -290,11 +290,11 @@ def shadow_mode(frequencies: Floats, damping: Floats, motions: Floats, faint: Bo
     It takes in what that one leaves, of a structure that is not quite linear, and has no motion of its own. Arguments as of
     `doubled_mode`.
     """
-    shadows = (_alike(frequencies, damping, motions, _BESIDE) & ~faint).any(axis=1) & faint
+    shadows = (_moving_alike(frequencies, damping, motions, _BESIDE) & ~faint).any(axis=1) & faint
     return int(np.argmax(shadows)) if shadows.any() else None
 
 
-def _alike(frequencies: Floats, damping: Floats, motions: Floats, times: float) -> Bools:
+def _moving_alike(frequencies: Floats, damping: Floats, motions: Floats, times: float) -> Bools:
     """(n, n) whether modes are so many `times` damping ratio and frequency from each other and move alike, in two or more
     places.
     """
@@ -326,7 +326,7 @@ def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floa
     """The modes near some `frequencies` in Hz and `damping` (n,) that leave least of a test."""
     runs = tuple(run.shortened(_SAMPLES) for run in measured.runs[:_RUNS])
     part = replace(measured, runs=runs)
-    modes = _refined(part, np.log(np.stack([frequencies, damping], axis=1)))
+    modes = _refined_projection(part, np.log(np.stack([frequencies, damping], axis=1)))
     levels = modes.levels
     inverse = np.linalg.pinv(modes.equations(levels).curvature, hermitian=True)
     scores = []
@@ -371,14 +371,14 @@ def _gains_in_bands(modes: Projection, added: Projection) -> bool:
     """
     gain, samples = 0.0, 0
     for before, after in zip(modes.left, added.left, strict=True):
-        for left, less in zip(_bands(before), _bands(after), strict=True):
+        for left, less in zip(_spectral_bands(before), _spectral_bands(after), strict=True):
             gain += float(np.sum(left / np.maximum(less.mean(axis=1, keepdims=True), np.finfo(float).tiny)))
             gain -= less.size
         samples += after.size
     return 2.0 * gain > _parameters(modes.measured) * float(np.log(samples))
 
 
-def _bands(left: Floats) -> list[Floats]:
+def _spectral_bands(left: Floats) -> list[Floats]:
     """The spectrum (C, L) of what modes leave, (C, N), in narrow bands."""
     lines = np.fft.rfft(np.where(np.isfinite(left), left, 0.0), axis=1)[:, 1:]
     return np.array_split(np.abs(lines) ** 2, max(lines.shape[1] // _BAND_LINES, 1), axis=1)
@@ -409,10 +409,10 @@ def best_addition(modes: Projection, doubtful: Sequence[tuple[float, float]]) ->
     levels = modes.levels
     left = zip(modes.left, modes.measured.runs, strict=True)
     remaining = replace(modes.measured, runs=tuple(replace(run, responses=one) for one, run in left))
-    tried = np.log(list(product(_tried(remaining, levels, doubtful), _DAMPING)))[:, None]
+    tried = np.log(list(product(_tried_hz(remaining, levels, doubtful), _DAMPING)))[:, None]
     physical = [trial for logs in tried if _follows_the_force(trial := Projection(remaining, logs))]
     best = min(physical, key=lambda trial: trial.cost(levels), default=None)
-    return None if best is None else _refined(remaining, best.logs, levels).logs
+    return None if best is None else _refined_projection(remaining, best.logs, levels).logs
 
 
 def _follows_the_force(trial: Projection) -> bool:
@@ -422,7 +422,7 @@ def _follows_the_force(trial: Projection) -> bool:
     return bool(residues[collocated].sum() >= 0.0)
 
 
-def _tried(measured: ModalMeasurement, levels: Floats, doubtful: Sequence[tuple[float, float]]) -> Floats:
+def _tried_hz(measured: ModalMeasurement, levels: Floats, doubtful: Sequence[tuple[float, float]]) -> Floats:
     """Frequencies in Hz: on a grid, and at peaks of the spectra, outside of `doubtful` bands."""
     run = max(measured.runs, key=lambda candidate: candidate.count)
     samples = np.where(np.isfinite(run.responses), run.responses, 0.0) / levels[:, None]
@@ -439,7 +439,7 @@ def _tried(measured: ModalMeasurement, levels: Floats, doubtful: Sequence[tuple[
     return np.concatenate([grid, frequencies[strongest]])
 
 
-def _refined(measured: ModalMeasurement, logs: Floats, levels: Floats | None = None) -> Projection:
+def _refined_projection(measured: ModalMeasurement, logs: Floats, levels: Floats | None = None) -> Projection:
     """The modes that leave least, from the logarithms of frequencies and damping of a start."""
     duration = measured.runs[0].count * measured.runs[0].step
     lowest = np.log([1e-3 / duration, _LEAST_DAMPING])

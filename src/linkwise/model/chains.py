@@ -177,11 +177,11 @@ def rig(
 def link_table(name: str, text: str, signals: Mapping[str, str] = MappingProxyType({})) -> LinkTable:
     """The table of a link "FIRST - SECOND: LAW" with all coefficients unknown; StructureError where that is not said."""
     expect(f'link "{name}"', text, str)
-    said = _LINK.fullmatch(text)
-    if said is None:
+    match = _LINK.fullmatch(text)
+    if match is None:
         message = f'expected "FIRST - SECOND: LAW", such as "sink - frame: k*d + c*v", got {text!r}'
         raise StructureError(message, f'link "{name}"')
-    law, ends = said["law"], [said["first"], said["second"]]
+    law, ends = match["law"], [match["first"], match["second"]]
     if is_law_name(law):
         named = named_law(law)
         coefficients = Law.parse(named.law, named.states).coefficients

@@ -420,7 +420,7 @@ class Law:
             if name in in_rates:
                 continue
             names = set(symbols(differentiate(self.expression, name)))
-            in_others = any(name in own for own in slopes.values())
+            in_others = any(name in slope for slope in slopes.values())
             if name not in names and not in_others and not names & set(slopes):
                 slopes[name] = names
         return tuple(slopes)

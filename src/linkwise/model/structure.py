@@ -303,9 +303,9 @@ class Structure(NotebookView):
                     )
                     raise StructureError(message, f'link "{link.name}"')
         object.__setattr__(self, "links", in_units_of_ends(self.links, self.rotations))
-        if self._leaders:
+        if self.leaders:
             given = {name: slot.coefficient for name, slot in self._slots.items()}
-            pairs = {name: (given[name], given[leader]) for name, leader in self._leaders.items()}
+            pairs = {name: (given[name], given[leader]) for name, leader in self.leaders.items()}
             resolved = {name: replace(leader, same_as=own.same_as) for name, (own, leader) in pairs.items()}
             masses, links = self._parts(resolved)
             vars(self).update(masses=masses, links=links)
@@ -345,7 +345,8 @@ class Structure(NotebookView):
         return coefficient_slots(self.masses, self.links, self.hosts)
 
     @cached_property
-    def _leaders(self) -> dict[str, str]:
+    def leaders(self) -> dict[str, str]:
+        """The coefficient that each shared one is equal to in the end, by full names."""
         return resolve_sharing(self._slots)
 
     @property
@@ -539,7 +540,7 @@ class Structure(NotebookView):
             If there is no coefficient of this name.
         """
         slot = index_of(self._slots, name, "coefficient", "coefficients")
-        return self._slots[self._leaders[name]].coefficient if name in self._leaders else slot.coefficient
+        return self._slots[self.leaders[name]].coefficient if name in self.leaders else slot.coefficient
 
     def unit_of(self, name: str) -> str:
         """Look up the SI unit of a coefficient.
@@ -564,7 +565,7 @@ class Structure(NotebookView):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Free parameters: those of the links, then those of the masses; shared ones once."""
-        return free_parameters(self._slots, self._leaders)
+        return free_parameters(self._slots, self.leaders)
 
     def unknown(self, *which: str) -> Structure:
         """Make coefficients unknown. Values and start values are dropped; bounds, also of named laws, are kept.
@@ -595,7 +596,7 @@ class Structure(NotebookView):
             choices = '"all", a link, a prefix of link names, or "mass:NAME"'
             raise StructureError(f"expected at least one of {choices}")
         chosen = {name for selector in which for name in self._chosen(selector)}
-        freed = {name: self._slots[name].freed for name in {self._leaders.get(name, name) for name in chosen}}
+        freed = {name: self._slots[name].freed for name in {self.leaders.get(name, name) for name in chosen}}
         return self.with_coefficients(freed)
 
     def with_values(self, values: Mapping[Text, float]) -> Structure:
@@ -629,7 +630,7 @@ class Structure(NotebookView):
         changes: dict[str, Coefficient] = {}
         identified = any(not self.coefficient(name).known for name in values)
         for name, value in values.items():
-            leader = self._leaders.get(name, name)
+            leader = self.leaders.get(name, name)
             change = as_coefficient(value, name)
             if changes.setdefault(leader, change) != change:
                 raise StructureError(f'is equal to "{leader}", for which another value is given', name)
@@ -638,7 +639,7 @@ class Structure(NotebookView):
             return changed
         plain = {
             name: replace(changed._slots[name].coefficient, same_as=None)
-            for name in changed._leaders
+            for name in changed.leaders
             if changed._slots[name].coefficient.known and not is_between_modes(name)
         }
         return changed.with_coefficients(plain) if plain else changed

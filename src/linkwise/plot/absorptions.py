@@ -93,7 +93,7 @@ def absorption(
         mark_chaos(axes, plain)
         over_time(axes, plain.time, f"{literal(plain.masses[number].name)}\n{unit}")
         axes.set_ylim(-1.08 * largest * factor, 1.08 * largest * factor)
-        wrap_title(axes, _title(plain))
+        wrap_title(axes, _removal_title(plain))
     return axes
 
 
@@ -101,7 +101,7 @@ def decay_figure(result: Answer) -> Figure:
     """The primary masses, each in a strip of its own; of more than 8 the first."""
     plain = without_intervals(result)
     names = [mass.name for mass in plain.masses]
-    title = _title(plain) + not_shown(names, _MOST, "masses")
+    title = _removal_title(plain) + not_shown(names, _MOST, "masses")
     draws = [partial(absorption, result, name, legend=False) for name in names[:_MOST]]
     return strips(draws, (1.3, 1.25), title=title)
 
@@ -116,7 +116,7 @@ def mark_chaos(axes: Axes, result: Absorption, *, shaded: bool = True) -> None:
         axes.axvspan(horizon, result.time[-1], color=CHAOS, zorder=-1)
 
 
-def _title(result: Absorption) -> str:
+def _removal_title(result: Absorption) -> str:
     name = result.with_sinks.structure.name
     return f"{f'{name}, sinks' if name else 'Sinks'} {result.removal} for comparison"
 
@@ -187,7 +187,7 @@ def map(
     '%'
     """
     values = result[quantity]
-    shown = next(own for own in result.quantities if own.name == quantity)
+    shown = next(candidate for candidate in result.quantities if candidate.name == quantity)
     values, unit = (100.0 * values, "%") if shown.is_part else (values, shown.unit)  # parts of 1 in %
     with axes_for(ax, legend=legend, width=4.6, height=3.4) as axes:
         if len(result.axes) == 2:
@@ -218,7 +218,7 @@ def _draw_map(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> N
     by_ratio = unit != "%" and positive.size == finite.size > 0 and high > _WIDE * low
     norm = LogNorm(low, high) if by_ratio else Normalize(low, high if high > low else low + 1.0)
     axes.set_facecolor(_NEVER)
-    edges = _edges(across), _edges(up)
+    edges = _cell_edges(across), _cell_edges(up)
     mesh = axes.pcolormesh(*edges, values.T, norm=norm, cmap="viridis", rasterized=True)
     if not result.completed.all():
         diverged = np.where(result.completed, np.nan, 0.0)
@@ -241,7 +241,7 @@ def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) ->
             along = axes.get_xaxis_transform()
             axes.plot(across.values[missing], heights, "x", color=color, ms=5, clip_on=False, transform=along)
     _scale_axis(axes, "x", across, across.values[0])
-    edges = _edges(across)
+    edges = _cell_edges(across)
     axes.set(xlim=(min(edges), max(edges)), ylabel=unit or "number")
 
 
@@ -256,18 +256,18 @@ def _scale_axis(axes: Axes, which: str, axis: SweepAxis | DesignAxis, first: flo
         log_scale(axes, which)
 
 
-def _edges(axis: SweepAxis) -> Floats:
+def _cell_edges(axis: SweepAxis) -> Floats:
     """(K + 1,) edges of cells around the values."""
     values = axis.values
     if len(values) == 1:
         half = 0.5 * abs(values[0]) or 0.5
         return np.array([values[0] - half, values[0] + half])
     if axis.logarithmic and values[0] > 0.0:
-        return np.asarray(np.exp(_middles(np.log(values))))
-    return _middles(values)
+        return np.asarray(np.exp(_edges_between(np.log(values))))
+    return _edges_between(values)
 
 
-def _middles(values: Floats) -> Floats:
+def _edges_between(values: Floats) -> Floats:
     inner = 0.5 * (values[1:] + values[:-1])
     return np.concatenate([[2.0 * values[0] - inner[0]], inner, [2.0 * values[-1] - inner[-1]]])
 
@@ -312,7 +312,7 @@ def crossings(
     shown = plain.sinks[place_of("sink", sink, [entry.sink.link for entry in plain.sinks])]
     law = plain.with_sinks.structure.link(shown.sink.link).law
     with axes_for(ax, legend=legend) as axes:
-        factor, unit = scale(float(np.abs(shown.elongation).max()), law.motion_units[0])
+        factor, unit = scale(shown.elongation, law.motion_units[0])
         time, elongation = envelope(plain.time, shown.elongation * factor)
         axes.plot(time, elongation, color=IDENTIFIED, lw=0.7, label="elongation")
         for top in shown.tops:
@@ -331,7 +331,7 @@ def crossings(
 def crossings_figure(result: Answer) -> Figure:
     """The sinks, each in a strip of its own; of more than 8 the first."""
     sinks = without_intervals(result).sinks[:_MOST]
-    return strips([partial(crossings, result, one.sink.link, legend=False) for one in sinks], (1.2, 1.3))
+    return strips([partial(crossings, result, sink.sink.link, legend=False) for sink in sinks], (1.2, 1.3))
 
 
 _SINKS, _OTHERS = 5, 4  # bands of links that can be told apart
@@ -389,7 +389,7 @@ def _draw_bands(axes: Axes, result: Absorption, *, with_sinks: bool) -> None:
     run = result.with_sinks if with_sinks else result.without
     remaining = 100.0 * run.remaining
     shares = {name: 100.0 * energy / run.total for name, energy in run.dissipated_by.items()}
-    colors = {name: color for name, color in _colors(result).items() if name in shares}
+    colors = {name: color for name, color in _band_colors(result).items() if name in shares}
     bands = [shares[name] for name in colors]
     labels = [label(name) for name in colors]
     others = [share for name, share in shares.items() if name not in colors]
@@ -409,7 +409,7 @@ def _draw_bands(axes: Axes, result: Absorption, *, with_sinks: bool) -> None:
     axes.grid(False)
 
 
-def _colors(result: Absorption) -> dict[str, str]:
+def _band_colors(result: Absorption) -> dict[str, str]:
     """The links and hosts with a band of their own in both runs: sinks in the colours of the series, the others in greys."""
     run = result.with_sinks
     by_share, colors = sorted(run.dissipated_by, key=lambda name: -run.share(name)), dict[str, str]()
@@ -450,12 +450,12 @@ def trade_off(result: Design, *, legend: bool = True, ax: Axes | None = None) ->
     >>> trade_off(found).get_xlabel()
     'mass of the sinks, kg'
     """
-    values, title = _judged(result)
+    values, title = _displayed_values(result)
     mass, best = np.array(result.trade_off).T
     usable = result.allowed & np.isfinite(values)
     with axes_for(ax, legend=legend, width=5.2, height=3.4) as axes:
         axes.plot(result.added_mass[usable], values[usable], ".", color=MEASURED, ms=3, label="designs tried")
-        factor, _ = _reading(result)
+        factor, _ = _shown_in(result)
         axes.step(mass, factor * best, where="post", color=IDENTIFIED, lw=1.0)
         axes.plot(mass, factor * best, "o", color=IDENTIFIED, ms=4, label="no lighter one is as good")
         axes.set(xlabel="mass of the sinks, kg", ylabel=literal(title))
@@ -502,15 +502,15 @@ def designs(
     up = up or (names[1] if len(names) > 1 else "")
     for name in (across, *([up] if up else [])):
         require_known("varied parameter", name, names)
-    values, title = _judged(result)
+    values, title = _displayed_values(result)
     order = np.argsort(values if result.options.maximise else -values)  # the best on top
     order = order[(result.allowed & np.isfinite(values))[order]]
     x = result.points[:, names.index(across)]
     with axes_for(ax, legend=legend, width=4.8, height=3.4) as axes:
-        _scaled(axes, result, across, "x")
+        _label_design_axis(axes, result, across, "x")
         if not up:
             axes.plot(x[order], values[order], ".", color=IDENTIFIED, ms=4)
-            axes.plot(result.best[across], _reading(result)[0] * result.objective, "*", color=WELL, ms=12)
+            axes.plot(result.best[across], _shown_in(result)[0] * result.objective, "*", color=WELL, ms=12)
             axes.set_ylabel(literal(title))
             return axes
         y = result.points[:, names.index(up)]
@@ -520,28 +520,28 @@ def designs(
         cmap = "viridis" if result.options.maximise else "viridis_r"
         tried = axes.scatter(x[order], y[order], c=values[order], s=10, cmap=cmap, vmin=low, vmax=high)
         axes.plot(result.best[across], result.best[up], "*", color=WELL, ms=12, label="best")
-        _scaled(axes, result, up, "y")
+        _label_design_axis(axes, result, up, "y")
         axes.figure.colorbar(tried, ax=axes, label=literal(title))
     return axes
 
 
-def _scaled(axes: Axes, result: Design, name: str, which: str) -> None:
+def _label_design_axis(axes: Axes, result: Design, name: str, which: str) -> None:
     """Label an axis with a parameter, between its bounds."""
-    axis = next(own for own in result.axes if own.name == name)
+    axis = next(axis for axis in result.axes if axis.name == name)
     _scale_axis(axes, which, axis, axis.low)
     axes.set(**{f"{which}lim": (axis.low, axis.high)})
 
 
-def _reading(result: Design) -> tuple[float, str]:
+def _shown_in(result: Design) -> tuple[float, str]:
     """The factor by which values are read, and their unit: parts of 1 in %."""
     if result.quantity.is_part:
         return 100.0, "%"
-    return scale(float(np.nanmax(np.abs(result.objectives))), result.quantity.unit)
+    return scale(result.objectives, result.quantity.unit)
 
 
-def _judged(result: Design) -> tuple[Floats, str]:
+def _displayed_values(result: Design) -> tuple[Floats, str]:
     """The values (E,) of all designs as they are read, and the quantity with its unit."""
-    factor, unit = _reading(result)
+    factor, unit = _shown_in(result)
     return factor * result.objectives, f"{result.quantity.title}, {unit}" if unit else result.quantity.title
 
 

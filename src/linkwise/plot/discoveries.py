@@ -74,7 +74,7 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
     sizes = np.abs(np.concatenate([forces.ravel() for forces in drawn]))
     largest = float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
     law, of_d = estimate.link.law, estimate.link.law.motion_units[0]
-    (to_d, unit_d), (to_f, unit_f) = scale(float(np.max(np.abs(d))), of_d), scale(largest, law.force_unit)
+    (to_d, unit_d), (to_f, unit_f) = scale(d, of_d), scale(largest, law.force_unit)
     with axes_for(ax, legend=legend) as axes:
         if np.isfinite(lower).all():
             band = axes.fill_between(d * to_d, lower * to_f, upper * to_f, color=VISITED, lw=0)
@@ -125,31 +125,31 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
     >>> len(lw.plot.evidence(found).get_yticklabels()) >= len(found.kept)
     True
     """
-    selected, dropped = _rows(discovery)
+    selected, dropped = _evidence_rows(discovery)
     rows = [*selected, *dropped]
     with axes_for(ax, legend=legend, height=_height(len(rows))) as axes:
-        _bars(axes, selected, 0, IDENTIFIED, "kept")
-        _bars(axes, dropped, len(selected), MEASURED, "dropped")
+        _draw_bars(axes, selected, 0, IDENTIFIED, "kept")
+        _draw_bars(axes, dropped, len(selected), MEASURED, "dropped")
         if rows:
             penalties = [term.penalty for term in rows]
             axes.plot(penalties, range(len(rows)), "|", color=WELL, ms=9, label="penalty of the term")
-        names = [f"{term.name}: {_label(term)}{'' if term.certain else '  (in doubt)'}" for term in rows]
+        names = [f"{term.name}: {_term_label(term)}{'' if term.certain else '  (in doubt)'}" for term in rows]
         axes.set_yticks(range(len(rows)), [literal(name) for name in names])
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.grid(False, axis="y")
         log_scale(axes, "x", linear_to=10.0)
         axes.set(xlim=(0.0, None), xlabel="reduction of the misfit by the term, in -2 log likelihood")
-        axes.set_title(f"evidence term by term{_left_out(discovery, len(selected), len(dropped))}")
+        axes.set_title(f"evidence term by term{_not_drawn(discovery, len(selected), len(dropped))}")
         axes.axhline(len(selected) - 0.5, color=TRUE, lw=0.6)
     return axes
 
 
 def evidence_figure(discovery: Discovery) -> Figure:
     """The evidence term by term on a figure of its own, as high as there are terms."""
-    return single(partial(evidence, discovery), height=_height(sum(map(len, _rows(discovery)))))
+    return single(partial(evidence, discovery), height=_height(sum(map(len, _evidence_rows(discovery)))))
 
 
-def _rows(discovery: Discovery) -> tuple[Sequence[TermEvidence], Sequence[TermEvidence]]:
+def _evidence_rows(discovery: Discovery) -> tuple[Sequence[TermEvidence], Sequence[TermEvidence]]:
     """The terms kept that are drawn, the most certain first, and the dropped ones nearest to being kept."""
     nearest = sorted(_identifiable(discovery), key=lambda term: term.margin)
     return discovery.kept[:_SELECTED], nearest[:_DROPPED]
@@ -160,7 +160,7 @@ def _identifiable(discovery: Discovery) -> list[TermEvidence]:
     return [term for term in discovery.terms if not term.kept and term.identifiable]
 
 
-def _left_out(discovery: Discovery, selected: int, dropped: int) -> str:
+def _not_drawn(discovery: Discovery, selected: int, dropped: int) -> str:
     """How many terms are not drawn, in brackets."""
     counts = ((len(discovery.kept) - selected, "kept"), (len(_identifiable(discovery)) - dropped, "dropped"))
     listed = ", ".join(f"{count} more {kind}" for count, kind in counts if count)
@@ -172,12 +172,12 @@ def _height(rows: int) -> float:
     return 1.5 + _ROW * max(rows, 4)
 
 
-def _label(term: TermEvidence) -> str:
+def _term_label(term: TermEvidence) -> str:
     """The function of a term, its beginning if it is long."""
     return term.term if len(term.term) <= _LONGEST else f"{term.term[: _LONGEST - 1]}…"
 
 
-def _bars(axes: Axes, terms: Sequence[TermEvidence], start: int, color: str, text: str) -> None:
+def _draw_bars(axes: Axes, terms: Sequence[TermEvidence], start: int, color: str, text: str) -> None:
     if terms:
         rows = range(start, start + len(terms))
         axes.barh(rows, [term.z**2 for term in terms], color=color, height=0.6, label=text)

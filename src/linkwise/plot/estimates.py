@@ -95,14 +95,14 @@ def residuals(
             axes.set_xlabel("time, s")
         elif quantity == "frequency":
             _over_frequency(axes, left[channel], estimate.record.rate, color=IDENTIFIED, label="residuals")
-            _white(axes)
+            _draw_white_noise(axes)
         else:
             kind, _, link = quantity.partition(" of ")
-            along = _motion(estimate, kind, link)
+            along = _link_motion(estimate, kind, link)
             of_d, of_v = estimate.structure.link(link).law.motion_units
-            factor, unit = scale(float(np.max(np.abs(along))), of_d if kind == "d" else of_v)
+            factor, unit = scale(along, of_d if kind == "d" else of_v)
             band = _over_motion(axes, left[channel], along, factor, color=IDENTIFIED, label="mean")
-            _by_chance(axes, *band)
+            _draw_chance_band(axes, *band)
             axes.set_xlabel(f"{literal(quantity)}, {unit}")
         axes.set_ylabel(f"{literal(channel)} / noise")
     return axes
@@ -130,17 +130,17 @@ def _over_motion(axes: Axes, values: Floats, along: Floats, factor: float, **sty
     return np.stack([factor * means.place, means.by_chance])
 
 
-def _motion(estimate: Estimate, kind: str, link: str) -> Floats:
+def _link_motion(estimate: Estimate, kind: str, link: str) -> Floats:
     """(N,) elongation or rate of a link."""
     along: Floats = (estimate.motion.d if kind == "d" else estimate.motion.v)[:, _links(estimate).index(link)]
     return along
 
 
-def _white(axes: Axes) -> None:
+def _draw_white_noise(axes: Axes) -> None:
     axes.axhline(1.0, color=TRUE, ls="--", lw=0.8, label="white noise")
 
 
-def _by_chance(axes: Axes, place: Floats, chance: Floats) -> None:
+def _draw_chance_band(axes: Axes, place: Floats, chance: Floats) -> None:
     axes.fill_between(place, -chance, chance, color=MEASURED, alpha=0.3, lw=0.0, label="95 % of noise")
 
 
@@ -157,14 +157,14 @@ def residuals_figure(estimate: Estimate) -> Figure:
             over_time.plot(*trace, color=color, lw=0.5)
             _over_frequency(over_frequency, values, estimate.record.rate, color=color)
             for axes, kind in zip(over_motion, "dv", strict=True):
-                along = _motion(estimate, kind, link)
+                along = _link_motion(estimate, kind, link)
                 largest = float(np.max(np.abs(along))) or 1.0
                 text = f"{label(name)} over {literal(link)}"
                 band = _over_motion(axes, values, along, 1.0 / largest, color=color, label=text)
                 if row == 0:
-                    _by_chance(axes, *band)
+                    _draw_chance_band(axes, *band)
                 axes.set_xlabel(f"{kind} / largest {kind}")
-        _white(over_frequency)
+        _draw_white_noise(over_frequency)
         over_time.set(xlabel="time, s", ylabel=f"residual / noise, {_APART} apart")
         over_time.set_yticks(-_APART * np.arange(len(left)), [literal(name) for name in left])
         over_frequency.set_ylabel("density / white")
@@ -181,7 +181,7 @@ def fit_figure(record: Record, channels: Mapping[str, tuple[Floats, Floats]]) ->
     with sheet(len(overlaid), 2, height=1.0 + 1.3 * len(overlaid)) as (figure, panels):
         for row, (name, (measured, fitted)) in enumerate(overlaid):
             over_time, over_frequency = panels[2 * row : 2 * row + 2]
-            factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), record.unit(name))
+            factor, unit = scale(measured, record.unit(name))
             for shown, style in ((measured, _MEASURED), (fitted, _FITTED)):
                 over_time.plot(*envelope(record.time, shown * factor, 1500), **style)
                 spectrogram = Spectrogram.of(shown, record.rate)

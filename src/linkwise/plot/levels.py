@@ -57,7 +57,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
     kinds = (("odd", SERIES[1], "s"), ("even", SERIES[0], "o"), ("noise", MEASURED, "x"))
     with axes_for(ax, legend=legend) as axes:
         for name, colour, marker in kinds:
-            powers = [one and getattr(one, name) for one in comparison.distortions]
+            powers = [measured and getattr(measured, name) for measured in comparison.distortions]
             pairs = zip(comparison.levels, powers, strict=True)
             points = [(level, power) for level, power in pairs if power is not None]
             text = "scatter" if name == "noise" else name
@@ -222,8 +222,8 @@ def ring_down(
         values, errors = 100.0 * ring.damping, 100.0 * ring.damping_error
     with axes_for(ax, legend=legend) as axes:
         color = SERIES[(ring.mode - 1) % len(SERIES)]
-        alike = [one.amplitude.max() for one in comparison.ring_downs if one.unit == ring.unit]
-        times, unit = scale(float(max(alike)), ring.unit)
+        alike = [other.amplitude.max() for other in comparison.ring_downs if other.unit == ring.unit]
+        times, unit = scale(alike, ring.unit)
         bars: dict[str, Any] = {"fmt": ".", "elinewidth": 0.8, "label": label(ring_name(ring))}
         axes.errorbar(times * ring.amplitude, values, 2.0 * errors, color=color, **bars)
         log_scale(axes, "x")
@@ -284,23 +284,23 @@ def acceleration_surface(
     """
     surface = comparison.surfaces[number]
     velocity, force = surface.velocity, -surface.acceleration
-    to_d, unit_d = scale(float(np.abs(surface.displacement).max()), surface.unit)
-    to_v, unit_v = scale(float(np.abs(velocity).max()), f"{surface.unit}/s")
+    to_d, unit_d = scale(surface.displacement, surface.unit)
+    to_v, unit_v = scale(velocity, f"{surface.unit}/s")
     of_force = f"restoring force per mass, {surface.unit}/s^2"
-    some: slice | Indices = scattered(len(force))
+    shown: slice | Indices = scattered(len(force))
     if section:
-        some = np.flatnonzero(np.abs(velocity) < _AT_REST * np.abs(velocity).max())
+        shown = np.flatnonzero(np.abs(velocity) < _AT_REST * np.abs(velocity).max())
     with axes_for(ax, legend=legend) as axes:
         axes.set_xlabel(f"displacement of {literal(surface.channel)}, {unit_d}")
         if section:
-            displacement = surface.displacement[some] * to_d
-            axes.plot(displacement, force[some], ".", color=SERIES[0], ms=2.0, label="at no velocity")
+            displacement = surface.displacement[shown] * to_d
+            axes.plot(displacement, force[shown], ".", color=SERIES[0], ms=2.0, label="at no velocity")
             axes.set_ylabel(of_force)
         else:
             even = CenteredNorm(halfrange=float(np.abs(force).max()))
             style: dict[str, Any] = {"s": 2.0, "cmap": "RdBu_r", "norm": even, "rasterized": True}
-            places = surface.displacement[some] * to_d, velocity[some] * to_v
-            points = axes.scatter(*places, c=force[some], label="while no force acts", **style)
+            places = surface.displacement[shown] * to_d, velocity[shown] * to_v
+            points = axes.scatter(*places, c=force[shown], label="while no force acts", **style)
             axes.figure.colorbar(points, ax=axes, label=of_force)
             axes.set_ylabel(f"velocity, {unit_v}")
     return axes

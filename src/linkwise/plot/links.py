@@ -127,8 +127,8 @@ def forces_figure(estimate: Estimate) -> Figure:
 def _scales(curve: ForceCurve) -> tuple[float, str, float, str]:
     """Factor and unit of the elongation, then of the force."""
     return (
-        *scale(max(abs(end) for end in curve.visited), curve.link.law.motion_units[0]),
-        *scale(max(abs(end) for end in curve.frame), curve.link.law.force_unit),
+        *scale(curve.visited, curve.link.law.motion_units[0]),
+        *scale(curve.frame, curve.link.law.force_unit),
     )
 
 
@@ -139,8 +139,8 @@ def _draw(axes: Axes, curve: ForceCurve) -> None:
     d, elastic = curve.d * to_d, curve.force * to_f
     axes.axvspan(low * to_d, high * to_d, color=VISITED, zorder=0, label="range visited")
     if len(curve.sample_d):
-        some = scattered(len(curve.sample_d))
-        samples = curve.sample_d[some] * to_d, curve.sample_force[some] * to_f
+        thinned = scattered(len(curve.sample_d))
+        samples = curve.sample_d[thinned] * to_d, curve.sample_force[thinned] * to_f
         style: dict[str, Any] = {"color": MEASURED, "ms": 1.5, "rasterized": True, "zorder": 1}
         axes.plot(*samples, ".", label=_samples_label(curve), **style)
     if curve.true is not None:
@@ -214,13 +214,13 @@ def loop(
     forces = force_loop(estimate, link)
     values, quantity = (forces.d, "elongation d") if over == "d" else (forces.v, "rate v")
     law = estimate.link(link).link.law
-    to_x, unit_x = scale(float(np.nanmax(np.abs(values))), law.motion_units[("d", "v").index(over)])
+    to_x, unit_x = scale(values, law.motion_units[("d", "v").index(over)])
     to_f, unit_f = scale(forces.largest, law.force_unit)
     with axes_for(ax, legend=legend) as axes:
-        shown, found = values * to_x, forces.identified * to_f
+        shown, identified = values * to_x, forces.identified * to_f
         if forces.measured is not None:
             axes.plot(shown, forces.measured * to_f, color=MEASURED, lw=0.7, zorder=1, label="measured")
-        axes.plot(shown, found, color=IDENTIFIED, lw=0.9, zorder=2, label="identified")
+        axes.plot(shown, identified, color=IDENTIFIED, lw=0.9, zorder=2, label="identified")
         axes.set(xlabel=f"{quantity}, {unit_x}", ylabel=f"force, {unit_f}")
         wrap_title(axes, force_title(estimate.link(link).link))
     return axes
@@ -277,15 +277,15 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     if not law.is_plain:
         message = "has memory or takes a signal, so that its force is not a function of elongation and rate; draw its loops"
         raise StructureError(message, f'link "{link}"')
-    index = [one.name for one in estimate.structure.links].index(link)
+    index = [candidate.name for candidate in estimate.structure.links].index(link)
     ends = [(limits, _MARGIN * np.ptp(limits)) for limits in (link_estimate.d_range, link_estimate.v_range)]
     d, v = (np.linspace(low - margin, high + margin, _SURFACE_POINTS) for (low, high), margin in ends)
     force = np.broadcast_to(link_estimate.link.force(*np.meshgrid(d, v)), (_SURFACE_POINTS, _SURFACE_POINTS))
-    to_d, unit_d = scale(float(np.abs(d).max()), law.motion_units[0])
-    to_v, unit_v = scale(float(np.abs(v).max()), law.motion_units[1])
+    to_d, unit_d = scale(d, law.motion_units[0])
+    to_v, unit_v = scale(v, law.motion_units[1])
     largest = float(np.abs(force).max())
     to_f, unit_f = scale(largest, law.force_unit)
-    some = scattered(len(estimate.motion.d))
+    thinned = scattered(len(estimate.motion.d))
     with axes_for(ax, legend=legend) as axes:
         bound = max(largest * to_f, np.finfo(float).tiny)
         colors: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -bound, "vmax": bound}
@@ -293,7 +293,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
         axes.figure.colorbar(mesh, ax=axes, label=f"force, {unit_f}")
         if np.any(force > 0.0) and np.any(force < 0.0):
             axes.contour(d * to_d, v * to_v, force, levels=[0.0], colors=TRUE, linewidths=0.7)
-        visited = estimate.motion.d[some, index] * to_d, estimate.motion.v[some, index] * to_v
+        visited = estimate.motion.d[thinned, index] * to_d, estimate.motion.v[thinned, index] * to_v
         style: dict[str, Any] = {"color": TRUE, "ms": 1.2, "alpha": 0.5, "rasterized": True}
         axes.plot(*visited, ".", label="motion of the record", **style)
         axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"rate v, {unit_v}")
@@ -353,8 +353,8 @@ def force_comparison(
     """
     d = _elongations(d_range)
     force = true.force(d)
-    to_f, unit_f = scale(float(np.abs(force).max()), true.law.force_unit)
-    lines = _lines(identified, styles)
+    to_f, unit_f = scale(force, true.law.force_unit)
+    lines = _line_styles(identified, styles)
     with axes_for(ax, legend=legend) as axes:
         shown = _over_elongation(axes, d, true.law.motion_units[0])
         axes.plot(shown, force * to_f, color=TRUE, lw=3.0, alpha=0.35, label="theory")
@@ -415,7 +415,7 @@ def force_errors(
     force = true.force(d)
     largest = max(float(np.abs(force).max()), np.finfo(float).tiny)
     errors = {name: 100.0 * np.abs(link.force(d) - force) / largest for name, link in identified.items()}
-    lines = _lines(identified, styles)
+    lines = _line_styles(identified, styles)
     with axes_for(ax, legend=legend) as axes:
         shown = _over_elongation(axes, d, true.law.motion_units[0])
         for name, error in errors.items():
@@ -438,7 +438,7 @@ def force_comparison_figure(
     title: str = "",
 ) -> Figure:
     """The true force of a link with those identified in one panel, and their errors in another."""
-    styles = _lines(identified, styles)
+    styles = _line_styles(identified, styles)
     drawn = {name: link for name, link in identified.items() if name not in only_errors}
     with sheet(1, 2, height=3.7) as (figure, (left, right)):
         force_comparison(true, drawn, d_range, styles=styles, legend=False, ax=left)
@@ -475,16 +475,16 @@ def _compare_link(panels: Sequence[Axes], comparison: Comparison, link: LinkEsti
     name, law = link.link.name, link.link.law
     elastic = bool(np.any(link.link.force(np.linspace(*link.d_range, 9)) != link.link.force(0.0)))
     motion = np.linspace(*(link.d_range if elastic else link.v_range), _CURVE_POINTS)
-    found = {a.name: a.estimate.link(name).link for a in comparison.answers if a.estimate is not None}
+    answers = {a.name: a.estimate.link(name).link for a in comparison.answers if a.estimate is not None}
     along = (motion,) if elastic else (0.0, motion)
-    forces = {method: one.force(*along) for method, one in found.items()}
+    forces = {method: answer.force(*along) for method, answer in answers.items()}
     best = forces["ml"]
     band = link.force_band(motion)[1:] if elastic and link.covariance is not None else (best, best)
-    to_x, unit_x = scale(float(np.abs(motion).max()), law.motion_units[0 if elastic else 1])
+    to_x, unit_x = scale(motion, law.motion_units[0 if elastic else 1])
     of, still = ("elongation d", "v = 0") if elastic else ("rate v", "d = 0")
     for axes, less, title in zip(panels, (0.0 * best, best), (name, f"{name}, less ml"), strict=True):
         shown = {method: force - less for method, force in forces.items()}
-        to_f, unit_f = scale(max(float(np.abs(force).max()) for force in shown.values()), law.force_unit)
+        to_f, unit_f = scale(list(shown.values()), law.force_unit)
         lower, upper = ((end - less) * to_f for end in band)
         axes.fill_between(motion * to_x, lower, upper, color=SERIES[0], alpha=0.25, lw=0.0)
         for number, (method, force) in enumerate(shown.items()):
@@ -504,12 +504,12 @@ def _elongations(d_range: tuple[float, float]) -> Floats:
 
 def _over_elongation(axes: Axes, d: Floats, unit: str) -> Floats:
     """(G,) elongations in the unit of the axis, which is set up for them."""
-    to_d, unit_d = scale(float(np.abs(d).max()), unit)
+    to_d, unit_d = scale(d, unit)
     axes.set(xlim=(d[0] * to_d, d[-1] * to_d), xlabel=f"elongation d, {unit_d}")
     return d * to_d
 
 
-def _lines(identified: Mapping[str, Link], styles: LineStyles | None) -> LineStyles:
+def _line_styles(identified: Mapping[str, Link], styles: LineStyles | None) -> LineStyles:
     """The properties of each line; colours go with the place among all that are identified."""
     given = styles or {}
     colors = dict(zip(identified, cycle(SERIES), strict=False))

@@ -94,7 +94,7 @@ def histories(
     alike = len({source.unit(name) for name in names}) == 1
     with axes_for(ax, legend=legend and len(names) > 1) as axes:
         for name in names:
-            factor, unit = scale(_largest(source, names if alike else [name]), source.unit(name))
+            factor, unit = scale(source.select(names if alike else [name]).values, source.unit(name))
             text = label(name if alike else f"{name}, {unit}")
             color = SERIES[source.channels.index(name) % len(SERIES)]
             values = factor * source.channel(name)
@@ -115,11 +115,6 @@ def histories_figure(record: Record) -> Figure:
 def _shown(record: Record) -> tuple[str, ...]:
     """Inputs, then responses, as many as one page can hold."""
     return (*record.inputs, *record.responses)[:_MOST]
-
-
-def _largest(record: Record, names: Sequence[str]) -> float:
-    """The largest absolute value of the channels, in their SI unit."""
-    return max(float(np.nanmax(np.abs(record.channel(name)), initial=0.0)) for name in names)
 
 
 def _value_label(channels: Sequence[Channel], unit: str) -> str:
@@ -162,7 +157,7 @@ def spectrum(
     'frequency, Hz'
     """
     spectrogram = Spectrogram.of(record.channel(name), record.rate)
-    factor, unit = scale(float(np.nanmax(np.abs(record.channel(name)), initial=0.0)), record.unit(name))
+    factor, unit = scale(record.channel(name), record.unit(name))
     density = np.sqrt(spectrogram.mean[1:-1]) * factor
     color = SERIES[record.channels.index(name) % len(SERIES)]
     noisy = noise is not None and noise > 0.0 and bool(density.any())

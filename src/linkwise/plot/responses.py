@@ -65,13 +65,13 @@ def response(
     name = result.channels[column]
     sizes = [branch.amplitude[:, column].max() for level in result.levels for branch in level.branches]
     sizes += [0.5 * (m.upper - m.lower)[column] for level in result.levels for m in level.irregular]
-    factor, unit = scale(float(max(sizes)), unit_in(result.structure, name))
+    factor, unit = scale(sizes, unit_in(result.structure, name))
     with axes_for(ax, legend=legend) as axes:
         for level, colour in zip(result.levels, _colours(len(result.levels)), strict=True):
             _draw_level(axes, level, column, factor, colour)
             axes.plot([], [], color=colour, label=f"{level.size:g} {result.drive.unit}")
         _draw_measured(axes, result.measured, column, factor)
-        _explain(axes, result)
+        _explain_marks(axes, result)
         axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
         axes.set_ylim(bottom=0.0)
     return axes
@@ -90,21 +90,21 @@ def _colours(count: int) -> list[str]:
 def _draw_level(axes: Axes, level: ResponseLevel, column: int, factor: float, colour: str) -> None:
     for branch in level.branches:
         values = factor * branch.amplitude[:, column]
-        for part, stable, outside in _parts(branch):
+        for part, stable, outside in _stretches_of(branch):
             line = "--" if outside else "-" if stable else ":"
             axes.plot(branch.hz[part], values[part], line, color=colour, lw=1.6 if stable else 0.8)
             if branch.lower is not None and branch.upper is not None:
                 ends = factor * branch.lower[part, column], factor * branch.upper[part, column]
                 axes.fill_between(branch.hz[part], *ends, color=colour, alpha=_BAND, lw=0)
         for name, marker in _MARKERS.items():
-            at = [number for number, own in enumerate(branch.bifurcations) if own == name]
+            at = [number for number, bifurcation in enumerate(branch.bifurcations) if bifurcation == name]
             axes.plot(branch.hz[at], values[at], marker, color=colour, ms=3.5, mfc="white")
     for motion in level.irregular:
         half = 0.5 * factor * (motion.upper[column] - motion.lower[column])
         axes.plot([motion.hz], [half], "x", color=colour, ms=4.5, mew=0.9)
 
 
-def _parts(branch: Branch) -> Iterator[tuple[slice, bool, bool]]:
+def _stretches_of(branch: Branch) -> Iterator[tuple[slice, bool, bool]]:
     """Stretches of a branch, one point in common, and whether they are stable and outside the range of the record."""
     outside = np.array([bool(link) for link in branch.outside] or np.zeros(len(branch.hz), dtype=bool))
     kinds: Floats = branch.stable + 2.0 * outside
@@ -113,7 +113,7 @@ def _parts(branch: Branch) -> Iterator[tuple[slice, bool, bool]]:
         yield slice(first, min(last + 1, len(kinds))), bool(branch.stable[first]), bool(outside[first])
 
 
-def _explain(axes: Axes, result: Response) -> None:
+def _explain_marks(axes: Axes, result: Response) -> None:
     """Entries of the legend for kinds of lines and marks that are there."""
     branches = [branch for level in result.levels for branch in level.branches]
     if any(not branch.stable.all() for branch in branches):
@@ -164,7 +164,7 @@ def backbone(
     column = place_of("channel", channel, result.channels)
     name = result.channels[column]
     values = result.amplitude[:, column]
-    factor, unit = scale(float(values.max()), unit_in(result.structure, name))
+    factor, unit = scale(values, unit_in(result.structure, name))
     outside = np.array([bool(link) for link in result.outside] or np.zeros(len(values), dtype=bool))
     with axes_for(ax, legend=legend) as axes:
         _draw_measured(axes, result.measured, column, factor)
@@ -181,7 +181,7 @@ def backbone(
     return axes
 
 
-def _damping(result: Backbone, ax: Axes) -> Axes:
+def _draw_damping(result: Backbone, ax: Axes) -> Axes:
     """Draw the damping ratio of a nonlinear mode over its frequency."""
     lowest = 100.0 * float(np.min(result.damping))
     if result.lower_damping is not None and result.upper_damping is not None:
@@ -202,7 +202,7 @@ def backbone_figure(result: Backbone) -> Figure:
     title += not_shown(result.channels, _MOST, "channels")
 
     draws = [partial(backbone, result, channel, legend=False) for channel in result.channels[:_MOST]]
-    return strips([*draws, partial(_damping, result)], (1.5, 1.7), title=title)
+    return strips([*draws, partial(_draw_damping, result)], (1.5, 1.7), title=title)
 
 
 def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Axes:
@@ -231,7 +231,7 @@ def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Ax
     """
     grids, names = [], []
     for name, values in zip(result.plane, result.values, strict=True):
-        factor, unit = scale(float(np.abs(values).max()), unit_in(result.structure, name))
+        factor, unit = scale(values, unit_in(result.structure, name))
         grids.append(factor * values)
         names.append(f"{label(name)}, {unit}")
     shades = [to_rgb(colour) for colour in _colours(len(result.rests))]

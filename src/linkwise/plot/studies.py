@@ -83,7 +83,7 @@ def study(
     >>> lw.plot.study(rows).get_xlabel()
     'degrees of freedom'
     """
-    table = _table(result)
+    table = _summary_of(result)
     require_known("quantity", quantity, QUANTITIES, StudyError)
     level = table.decibels[-1] if snr_db is None else snr_db
     if level not in table.decibels:
@@ -97,7 +97,7 @@ def study(
 
 def accuracy_figure(result: StudySummary | Iterable[Row]) -> Figure:
     """The error over the structures, a panel for each noise level, and the time of one estimate at the last of them."""
-    table = _table(result)
+    table = _summary_of(result)
     shown = [("nmse", level, f"{level:g} dB") for level in table.decibels]
     shown.append(("seconds", table.decibels[-1], f"time of one estimate, {table.decibels[-1]:g} dB"))
     draws = [partial(study, table, quantity, snr_db=level) for quantity, level, _ in shown]
@@ -121,11 +121,11 @@ def draw_curves(
     """Draw the medians of each method of `styles` over the structures, and the spread of errors."""
     for method, style in styles.items():
         cells = [table.cell(structure, snr_db, method) for structure in table.structures]
-        values = _values(cells, quantity)
+        values = _cell_values(cells, quantity)
         if np.isfinite(values).any():
             axes.plot(range(len(values)), values, **style)
         if quantity == "nmse" and "marker" in style:
-            low, high = _values(cells, "low"), _values(cells, "high")
+            low, high = _cell_values(cells, "low"), _cell_values(cells, "high")
             axes.fill_between(range(len(cells)), low, high, color=style["color"], alpha=0.16, lw=0, zorder=2)
     counts = list(table.masses.values())
     distinct = len(set(counts)) == len(counts)
@@ -138,14 +138,14 @@ def draw_curves(
     axes.set_ylabel(QUANTITIES[quantity])
 
 
-def _table(result: StudySummary | Iterable[Row]) -> StudySummary:
+def _summary_of(result: StudySummary | Iterable[Row]) -> StudySummary:
     table = result if isinstance(result, StudySummary) else StudySummary.of_rows(result)
     if not table.cells:
         raise StudyError("nothing to draw: the study has no rows")
     return table
 
 
-def _values(cells: Iterable[Cell | None], name: str) -> Floats:
+def _cell_values(cells: Iterable[Cell | None], name: str) -> Floats:
     """An attribute of the cells, with NaN, which leaves a gap, where there is none."""
     values = (None if cell is None else getattr(cell, name) for cell in cells)
     return np.array([np.nan if value is None else value for value in values])
@@ -190,7 +190,7 @@ def success_map(result: SuccessMap, *, ax: Axes | None = None) -> Axes:
         for (row, column), value in np.ndenumerate(share):
             if np.isfinite(value):
                 wrong = float(result.wrong_trusted_share[row, column])
-                _write(axes, row, column, 100.0 * float(value), 100.0 * wrong)
+                _write_shares(axes, row, column, 100.0 * float(value), 100.0 * wrong)
         axes.set_xticks(np.arange(len(result.snr_db)) + 0.5, [f"{level:g}" for level in result.snr_db])
         samples = [f"{float(f'{count:.3g}'):g}" for count in result.samples]
         axes.set_yticks(np.arange(len(samples)) + 0.5, samples)
@@ -225,7 +225,7 @@ def success_figure(results: Sequence[SuccessMap]) -> Figure:
     return figure
 
 
-def _write(axes: Axes, row: int, column: int, exact: float, wrong: float) -> None:
+def _write_shares(axes: Axes, row: int, column: int, exact: float, wrong: float) -> None:
     """The per cent in a cell, and below it in red those that are wrong and trusted."""
     across, up = column + 0.5, row + (0.68 if wrong > 0.0 else 0.5)
     axes.text(across, up, f"{exact:.0f}", fontsize=_NUMBER_SIZE, ha="center", va="center")

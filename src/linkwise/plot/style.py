@@ -370,14 +370,15 @@ SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 _PREFIXES = {3: "G", 2: "M", 1: "k", 0: "", -1: "m", -2: "µ", -3: "n"}
 
 
-def scale(largest: float, unit: str) -> tuple[float, str]:
-    """Factor and unit that bring numbers up to `largest` (in `unit`) between 1 and 1000: (1000.0, "mm") for 0.02 m.
+def scale(values: ArrayLike, unit: str) -> tuple[float, str]:
+    """Factor and unit that bring the largest size of `values` (in `unit`) between 1 and 1000: (1000.0, "mm") for 0.02 m.
 
     Units that begin with a power or a quotient take the prefix on their first symbol, as in mm/s. Numbers without a unit, or
     whose unit is open ("?"), stay as they are.
     """
     if unit in ("", "?"):
         return 1.0, ""
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
     if not (largest > 0.0 and math.isfinite(largest)):
         return 1.0, unit
     thousands = min(3, max(-3, math.floor(math.log10(largest * (1 + 1e-12)) / 3)))

@@ -64,11 +64,11 @@ def prediction(validation: Validation, channel: str, *, legend: bool = True, ax:
     """
     record = validation.record
     measured, predicted = record.channel(channel), validation.predicted.channel(channel)
-    factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), validation.channels[channel].unit)
+    factor, unit = scale(measured, validation.channels[channel].unit)
     with axes_for(ax, legend=legend) as axes:
         axes.plot(*envelope(record.time, measured * factor), color=MEASURED, lw=1.6, label="measured")
         axes.plot(*envelope(record.time, predicted * factor), color=IDENTIFIED, lw=0.7, label="predicted")
-        _frame(axes, validation, f"{literal(channel)}\n{unit}")
+        _frame_over_time(axes, validation, f"{literal(channel)}\n{unit}")
     return axes
 
 
@@ -116,7 +116,7 @@ def prediction_error(
         for side in (-upper, upper):
             axes.plot(time, side, color=WELL, lw=0.8, zorder=4, label="expected, 2 deviations")
         axes.plot(*envelope(record.time, error * factor), color=IDENTIFIED, lw=0.5, zorder=3, label="error")
-        _frame(axes, validation, f"{literal(channel)}\n{unit}")
+        _frame_over_time(axes, validation, f"{literal(channel)}\n{unit}")
         span = 1.15 * max(largest * factor, float(np.nanmedian(upper)))
         axes.set_ylim(-span, span)
     return axes
@@ -139,7 +139,7 @@ def _channel_strips(validation: Validation, draw: Callable[..., Axes], title: st
     return strips(draws, (1.3, 1.15), title=title)
 
 
-def _frame(axes: Axes, validation: Validation, name: str) -> None:
+def _frame_over_time(axes: Axes, validation: Validation, name: str) -> None:
     time = validation.record.time
     axes.axvspan(time[0], time[0] + validation.burn, color=VISITED, zorder=0, label="not scored")
     over_time(axes, time, name)
@@ -181,7 +181,7 @@ def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None
     known = {profile.quantity: profile for profile in validation.profiles}
     require_known("quantity", quantity, known, RecordError)
     profile = known[quantity]
-    factor, unit = scale(float(np.abs(profile.edges).max()), profile.unit)
+    factor, unit = scale(profile.edges, profile.unit)
     with axes_for(ax) as axes:
         axes.stairs(profile.error_percent, profile.edges * factor, color=IDENTIFIED, lw=1.4, baseline=None)
         axes.set(xlabel=f"{literal(quantity)}, {unit}", ylabel="error, % of the motion")
@@ -227,8 +227,7 @@ def prediction_spectrum(
     require_known("spectrum of", channel, validation.spectra, RecordError)
     spectrum, score = validation.spectra[channel], validation.channels[channel]
     noise = 2.0 * score.noise**2 / validation.record.rate
-    largest = float(np.nanmax(np.abs(validation.record.channel(channel)), initial=0.0))
-    factor, unit = scale(largest, score.unit)
+    factor, unit = scale(validation.record.channel(channel), score.unit)
     power = f"{unit}²" if unit.isalpha() else f"({unit})²"
     with axes_for(ax, legend=legend) as axes:
         axes.plot(spectrum.frequency, factor**2 * spectrum.measured, color=MEASURED, lw=1.4, label="measured")

@@ -235,8 +235,8 @@ def joined_by_time(record: Record, other: Record) -> Record:
             other.source or None,
         )
     start = max(first, 0)
-    both = _side_by_side(record[start:last], other[start - first : last - first])
-    return replace(both, notes=(*both.notes, f"{', '.join(other.channels)} were joined by time."))
+    overlap = _side_by_side(record[start:last], other[start - first : last - first])
+    return replace(overlap, notes=(*overlap.notes, f"{', '.join(other.channels)} were joined by time."))
 
 
 def continued(record: Record, other: Record) -> Record:

@@ -53,11 +53,11 @@ def average_periods(record: Record, period: float) -> Record:
     >>> lw.records.average_periods(force, 2.0)
     Record of 200 samples at 100 Hz, 8 to 9.99 s: force:m1, x:m1
     """
-    size = _samples(record, period)
+    size = _period_samples(record, period)
     count = len(record) // size
     cube = record.values[len(record) - count * size :].reshape(count, size, -1)
     _check_repeats(record, cube, period)
-    first = _settled(cube)
+    first = _first_settled(cube)
     settled = cube[first:]
     present = np.isfinite(settled)
     number = present.sum(axis=0)
@@ -83,7 +83,7 @@ def average_periods(record: Record, period: float) -> Record:
     )
 
 
-def _samples(record: Record, period: float) -> int:
+def _period_samples(record: Record, period: float) -> int:
     """Samples of a period; RecordError where it is not a whole number of them, or the record has not two periods."""
     if not (isfinite(period) and period > 0.0):
         raise RecordError(f"period must be positive, got {period!r} s", arguments=("period",))
@@ -135,7 +135,7 @@ def _not_white(record: Record, cube: Floats) -> tuple[str, ...]:
     return (note,) if names else ()
 
 
-def _settled(cube: Floats) -> int:
+def _first_settled(cube: Floats) -> int:
     """The first of the periods (P, M, C) from which on all are as alike as the last two."""
     power = np.nanvar(cube[-1], axis=0)
     difference = np.nanmean((cube[:-1] - cube[-1]) ** 2, axis=1) / np.where(power > 0.0, power, 1.0)

@@ -381,8 +381,8 @@ class Record(NotebookView):
         expect("Record.from_arrays(time, channels): channels", channels, Mapping)
         columns = dict(zip(Channel.parse_all(channels), channels.values(), strict=True))
         line, values, remarks = sampled_columns(time, columns)
-        told = (*notes, *remarks)
-        return cls(line.start, line.rate, tuple(columns), values, noise or {}, source=source, notes=told)
+        all_notes = (*notes, *remarks)
+        return cls(line.start, line.rate, tuple(columns), values, noise or {}, source=source, notes=all_notes)
 
     def __len__(self) -> int:
         return len(self.values)

@@ -332,5 +332,5 @@ def attributes_of(known: SensorUncertainty, unit: str) -> dict[str, str]:
     """The keys, as texts, from which `SensorStatement.of` reads what is known of a sensor that shows its SI `unit`."""
     suffix = f" {unit}".replace(" ?", "")
     stated = (("gain", known.gain, ""), ("offset", known.offset, suffix), ("delay", known.delay, " s"))
-    given = (each for each in stated if each[1])
+    given = (entry for entry in stated if entry[1])
     return {key: "unknown" if sigma == inf else f"+- {sigma!r}{unit}" for key, sigma, unit in given}

@@ -36,7 +36,7 @@ from linkwise.plot.links import comparison_figure, force_figure, loop, loop_figu
 from linkwise.plot.records import histories_figure
 from linkwise.registry import Registry
 from linkwise.report.figure_units import lengths_as_in_figures
-from linkwise.report.result_folder import Reported, ResultFolder, Section, write_graded
+from linkwise.report.result_folder import Reported, ResultFolder, Section, csv_table, write_graded
 from linkwise.report.result_page import Head, rendered, sectioned
 from linkwise.verdict import Basis, Grade, status_of
 
@@ -84,7 +84,7 @@ def _record(estimate: Estimate, drawn: Collection[str]) -> Section:
         f"{record.time[-1]:g} s."
     )
     noise = estimate.noise.items()
-    rows = [(name, f"{one.sigma:.3g}", one.unit, f"{one.snr_db:.1f}") for name, one in noise]
+    rows = [(name, f"{level.sigma:.3g}", level.unit, f"{level.snr_db:.1f}") for name, level in noise]
     rows = [NOISE_HEAD, *rows] if rows else []
     figure = None if {*record.channels} <= {*drawn} else partial(histories_figure, record)
     return Section("Record", text=[text], items=record.notes, rows=rows, figure=figure, folded=True)
@@ -181,7 +181,7 @@ def _first_force(estimate: Estimate, pictures: Mapping[str, Markup]) -> str:
 
 def _length(link: LinkEstimate) -> tuple[float, str]:
     """What multiplies meters in the figure of a link, and the unit it gives; an angle has no prefix."""
-    return (1.0, "m") if link.link.law.angular else style.scale(max(map(abs, link.d_range)), "m")
+    return (1.0, "m") if link.link.law.angular else style.scale(link.d_range, "m")
 
 
 def _as_in_figures(ends: tuple[float, float], unit: str) -> str:
@@ -206,7 +206,7 @@ def _within(quantity: CoefficientEstimate | DerivedQuantity, length: tuple[float
     What would begin with zeros so, and not in SI units, is in these: stiffness is in N/mm as a rule, and damping in N s/m.
     """
     if quantity.unit == "J":
-        times, unit = style.scale(abs(quantity.value), "J")
+        times, unit = style.scale(quantity.value, "J")
     else:
         times, unit = length[0] ** _metres(quantity.unit), re.sub(r"\bm\b", length[1], quantity.unit)
         if abs(quantity.value * times) < _SMALL < abs(quantity.value) < 1.0 / _SMALL:
@@ -274,8 +274,7 @@ def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
     for link in estimate.links:  # columns d in m, the others in N
         d = np.linspace(*link.d_range, GRID)
         table = np.stack([d, *estimate.force_band(link.link.name, d)], axis=1)
-        how = {"fmt": "%.10g", "delimiter": ",", "header": "d,force,lower,upper", "comments": ""}
-        np.savetxt(folder / f"force_{link.link.name}.csv", table, **how)
+        csv_table(folder / f"force_{link.link.name}.csv", ("d", "force", "lower", "upper"), table.tolist())
     if result.grade is not Grade.REFUSED and estimate.intervals:
         write_covariance(Posterior.of(estimate), folder / COVARIANCE)
 

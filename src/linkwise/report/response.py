@@ -21,7 +21,7 @@ from linkwise.response.result import Branch, Response, headline, mirrored, peak_
 _LEVELS, _CHANNELS = 4, 3  # of which the head of a page says how large the motion is
 
 
-def _largest(result: Response) -> Iterator[str]:
+def _largest_motion(result: Response) -> Iterator[str]:
     """How large stable motion is at each level, in the units of the figure."""
     for level in result.levels[:_LEVELS]:
         stable = [branch for branch in level.branches if branch.stable.any()]
@@ -66,7 +66,7 @@ def _write_data(result: Response, folder: Path) -> None:
 def _branch_rows(branch: Branch) -> Iterator[tuple[object, ...]]:
     """Of each point of a branch frequency, stability and bifurcation, and of each channel amplitudes, phase, bounds, mean."""
     unknown, harmonic = np.full_like(branch.amplitude, np.nan), branch.first_harmonic
-    others = (unknown if one is None else one for one in (branch.lower, branch.upper, branch.mean))
+    others = (unknown if bound is None else bound for bound in (branch.lower, branch.upper, branch.mean))
     values = [branch.amplitude, np.abs(harmonic), np.degrees(np.angle(harmonic)), *others]
     columns = np.stack(values, axis=2).reshape(len(branch.hz), -1).tolist()
     states = [part.tolist() for part in (branch.hz, branch.stable.astype(int), branch.largest_multiplier)]
@@ -76,7 +76,7 @@ def _branch_rows(branch: Branch) -> Iterator[tuple[object, ...]]:
 
 RESPONSE_FOLDER: ResultFolder[Response] = sectioned(
     RESPONSE,
-    lambda result: Head((*headline(result), *_largest(result)), result.structure, result.findings),
+    lambda result: Head((*headline(result), *_largest_motion(result)), result.structure, result.findings),
     amplitude_sections,
     ["sweep slowly over a fold in a test and lay it over these curves (respond --record)."],
     _write_data,
@@ -84,7 +84,7 @@ RESPONSE_FOLDER: ResultFolder[Response] = sectioned(
 """What `respond` hands over."""
 
 
-def _curve(result: Backbone) -> dict[str, Section]:
+def _backbone_sections(result: Backbone) -> dict[str, Section]:
     """Amplitudes and damping over the frequency of a mode."""
     text = ["The damping ratio is what the motion loses in a period, over 4 pi times its energy."]
     text += ["Grey points are measured."] if result.measured else []
@@ -105,7 +105,7 @@ def _write_backbone_data(result: Backbone, folder: Path) -> None:
 BACKBONE_FOLDER: ResultFolder[Backbone] = sectioned(
     BACKBONE,
     lambda result: Head(backbone_headline(result), result.structure, result.findings),
-    _curve,
+    _backbone_sections,
     ["lay a measured decay over the curve (backbone --levels), or compute what a force does (respond)."],
     _write_backbone_data,
 )
@@ -119,7 +119,7 @@ def _write_basins_data(result: Basins, folder: Path) -> None:
     csv_table(folder / "basins.csv", [*result.plane, "rest"], rows)
 
 
-def _plane(result: Basins) -> dict[str, Section]:
+def _basins_sections(result: Basins) -> dict[str, Section]:
     """The plane of initial states."""
     figure = partial(basins_figure, result)
     return {"basins": Section("Where motion ends", rows=basins_rows(result), figure=figure)}
@@ -128,7 +128,7 @@ def _plane(result: Basins) -> dict[str, Section]:
 BASINS_FOLDER: ResultFolder[Basins] = sectioned(
     BASINS,
     lambda result: Head(basins_headline(result), result.structure),
-    _plane,
+    _basins_sections,
     ["compute what a force does there (respond)."],
     _write_basins_data,
 )

@@ -206,13 +206,13 @@ def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
         bands = [
             (
                 "95 % band",
-                *(_to(own, 5) for own in zip(result.lower[which], result.upper[which], strict=True)),
+                *(_band_cell(band, 5) for band in zip(result.lower[which], result.upper[which], strict=True)),
             )
         ]
     if result.lower_damping is not None and result.upper_damping is not None:
         ends = zip(100.0 * result.lower_damping[which], 100.0 * result.upper_damping[which], strict=True)
         title += " (95 % band)"
-        damping = [f"{text} ({_to(own, 3)})" for text, own in zip(damping, ends, strict=True)]
+        damping = [f"{text} ({_band_cell(band, 3)})" for text, band in zip(damping, ends, strict=True)]
     columns = [
         ("Hz", *(f"{hz:.5g}" for hz in result.hz[which])),
         *bands,
@@ -227,7 +227,7 @@ def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
     return list(zip(*columns, strict=True))
 
 
-def _to(ends: tuple[float, float], digits: int) -> str:
+def _band_cell(ends: tuple[float, float], digits: int) -> str:
     """The ends of a band in a cell."""
     return f"{ends[0]:.{digits}g} to {ends[1]:.{digits}g}" if np.isfinite(ends).all() else "-"
 
@@ -288,15 +288,15 @@ def backbone(
     structure = asked.structure
     refuse_rig(structure, "backbones")
     channels = shown_channels(structure, show)
-    motion, count = _motion(structure, force), structure.size
+    motion, count = _modal_motion(structure, force), structure.size
     linear = modes(structure)
     if not (1 <= mode <= count and linear.frequencies[mode - 1] > 0.0):
         raise SimulationError(
             f"there is no vibration in mode {mode}; the frequencies of modes 1 to {count} are "
             f"{', '.join(f'{hz:.4g}' for hz in linear.frequencies)} Hz",
         )
-    end = _end(motion, to_amplitude, to_energy)
-    points = _followed(motion, _linear_start(motion, linear, mode, to_amplitude or {}), end)
+    end = _end_of_curve(motion, to_amplitude, to_energy)
+    points = _followed_curve(motion, _linear_start(motion, linear, mode, to_amplitude or {}), end)
     if end is None and np.ptp([point.parameter for point in points]) < _LINEAR * points[0].parameter:
         raise SimulationError(
             f"the frequency of mode {mode} is {linear.frequencies[mode - 1]:.5g} Hz at any amplitude, so that nothing ends "
@@ -306,8 +306,8 @@ def backbone(
     motions = [motion.motion(point.unknowns) for point in points]
     zero = np.zeros(SAMPLES + 1)
     outside = tuple(asked.farthest(structure.elongations(states[:, :count], zero)) for states in motions)
-    rows, along = channel_rows(structure, channels), _along(motion, points)
-    bands = {} if asked.posterior is None else _band(asked.posterior, motion, points, along)
+    rows, along = channel_rows(structure, channels), _values_along(motion, points)
+    bands = {} if asked.posterior is None else _bands_of_draws(asked.posterior, motion, points, along)
     return Backbone(
         structure=structure,
         mode=mode,
@@ -326,7 +326,7 @@ def backbone(
     )
 
 
-def _motion(structure: Structure, force: str | None) -> ModalMotion:
+def _modal_motion(structure: Structure, force: str | None) -> ModalMotion:
     """Motions of a mode without damping, or under a force on a place."""
     expect("backbone: force", force, str, type(None))
     if force is None:
@@ -335,12 +335,12 @@ def _motion(structure: Structure, force: str | None) -> ModalMotion:
     return PhaseResonance(structure, force)
 
 
-def _along(motion: ModalMotion, points: Sequence[Point]) -> Floats:
+def _values_along(motion: ModalMotion, points: Sequence[Point]) -> Floats:
     """(P, 3) angular frequency, damping ratio and energy of motions."""
     return np.array([[point.parameter, motion.damping(point), motion.energy(point)] for point in points])
 
 
-def _band(
+def _bands_of_draws(
     posterior: Posterior, motion: ModalMotion, points: Sequence[Point], along: Floats
 ) -> dict[str, Any]:
     """The ends (P,) of the bands of frequency in Hz and of the damping ratio that draws of an answer have at the energies of
@@ -358,15 +358,15 @@ def _band(
     extremes = np.flatnonzero(np.diff(np.sign(np.diff(energy)))) + 1
     off = np.full((_DRAWS, len(points), 2), np.nan)
     for table, structure in zip(off, drawn, strict=True):
-        own = motion.of(structure)
+        drawn_motion = motion.of(structure)
         for first, last in pairwise([0, *extremes.tolist(), len(points) - 1]):
             piece = slice(first, last + 1)
             share = max(round(_STATIONS * (last - first) / (len(points) - 1)), _FEWEST)
             stations = np.unique(np.linspace(first, last, share).round().astype(int))
-            moved = [solve(own, points[k].unknowns, points[k].tangent) for k in stations]
-            found = [point for point in moved if point is not None]
-            if len(found) > 1:
-                values = _along(own, found)
+            moved = [solve(drawn_motion, points[k].unknowns, points[k].tangent) for k in stations]
+            solved = [point for point in moved if point is not None]
+            if len(solved) > 1:
+                values = _values_along(drawn_motion, solved)
                 rising, order = np.argsort(energy[piece]), np.argsort(values[:, 2])
                 curve = energy[piece][rising], along[piece][rising]
                 omega, ratio = (np.interp(values[:, 2], curve[0], column) for column in curve[1].T[:2])
@@ -396,7 +396,7 @@ def _linear_start(motion: ModalMotion, linear: Modes, mode: int, to_amplitude: M
     raise SimulationError(motion.without_small.format(mode))
 
 
-def _end(
+def _end_of_curve(
     motion: ModalMotion, to_amplitude: Mapping[str, float] | None, to_energy: float | None
 ) -> Callable[[Point], float] | None:
     """What is negative before the end of the curve; None where no end is asked for."""
@@ -405,24 +405,24 @@ def _end(
     if to_amplitude and to_energy is not None:
         raise SimulationError("a backbone ends at an amplitude or at an energy; give one of the two")
     if to_energy is not None:
-        most = _positive(to_energy, "the energy")
+        most = _positive_end(to_energy, "the energy")
         return lambda point: motion.energy(point) - most
     for name, size in (to_amplitude or {}).items():
-        goal = _positive(size, "the amplitude")
+        goal = _positive_end(size, "the amplitude")
         shown = shown_channels(motion.structure, (name,), "the end of a backbone", ())
         row = channel_rows(motion.structure, shown)
         return lambda point: motion.amplitude(point, row) - goal
     return None
 
 
-def _positive(size: float, what: str) -> float:
+def _positive_end(size: float, what: str) -> float:
     if not 0.0 < size < np.inf:
         message = f"{what} at which a backbone ends must be positive, in SI units, got {size!r}"
         raise SimulationError(message, arguments=("end",))
     return size
 
 
-def _followed(motion: ModalMotion, start: Point, end: Callable[[Point], float] | None) -> list[Point]:
+def _followed_curve(motion: ModalMotion, start: Point, end: Callable[[Point], float] | None) -> list[Point]:
     """The points from `start` to the `end`."""
     omega = start.parameter
     factor = 1.0 + _CHANGE if end is None else 1e3

@@ -64,8 +64,8 @@ def _with_band(
     points = [curve.points[number][0] for number in at.tolist()]
     ways = [(b.unknowns - a.unknowns) / a.sizes for (a, _), (b, _) in pairwise(curve.points)]
     along = np.append(0.0, np.cumsum(np.linalg.norm(ways, axis=1)))
-    motions = np.array([_shown(curve.equations, point.unknowns, rows) for point, _ in curve.points])
-    of_draws = (_drawn(curve.equations.of(one), points, rows) - motions[at] for one in drawn)
+    motions = np.array([_shown_motion(curve.equations, point.unknowns, rows) for point, _ in curve.points])
+    of_draws = (_motions_of_draw(curve.equations.of(one), points, rows) - motions[at] for one in drawn)
     ratios = [half_height(motions + _everywhere(off, at, along)) / branch.amplitude for off in of_draws]
     lower, upper = map(np.exp, spread(np.log(ratios)))
     lower[~branch.stable] = upper[~branch.stable] = np.nan
@@ -105,7 +105,7 @@ def _everywhere(off: Floats, at: Indices, along: Floats) -> Floats:
     return np.where(near[:, None, None], between(along), np.nan)
 
 
-def _drawn(equations: PeriodicEquations, points: Sequence[Point], rows: Floats) -> Floats:
+def _motions_of_draw(equations: PeriodicEquations, points: Sequence[Point], rows: Floats) -> Floats:
     """(P, S, C) the motions of one draw at points of a curve, NaN where it has none near."""
     values = np.full((len(points), _SAMPLES * equations.turns, len(rows)), np.nan)
     moved = np.zeros(len(points[0].unknowns) - 1)
@@ -114,12 +114,12 @@ def _drawn(equations: PeriodicEquations, points: Sequence[Point], rows: Floats) 
         unknowns[:-1] += moved
         solved = _on_same_side(equations, point, unknowns)
         if solved is not None:
-            values[number] = _shown(equations, solved, rows)
+            values[number] = _shown_motion(equations, solved, rows)
         moved = 0.0 * moved if solved is None else solved[:-1] - point.unknowns[:-1]
     return values
 
 
-def _shown(equations: PeriodicEquations, unknowns: Floats, rows: Floats) -> Floats:
+def _shown_motion(equations: PeriodicEquations, unknowns: Floats, rows: Floats) -> Floats:
     """(S, C) a motion over its period in channels that are `rows` (C, N) of states."""
     return equations.motion(unknowns, _SAMPLES)[:-1] @ rows.T
 
@@ -128,11 +128,11 @@ def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) 
     """The solution near unknowns, if it is on the branch and the same side of all folds as a point, and not far off with a
     shorter period.
     """
-    found = solve(equations, unknowns)
-    off = np.inf if found is None else float(np.abs((found.unknowns - unknowns) / point.sizes).max())
-    if found is None or off > _JUMP:
+    solution = solve(equations, unknowns)
+    off = np.inf if solution is None else float(np.abs((solution.unknowns - unknowns) / point.sizes).max())
+    if solution is None or off > _JUMP:
         return None
-    if off > _FAR and repeats_sooner(equations, found):
+    if off > _FAR and repeats_sooner(equations, solution):
         return None
-    signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, found)]
-    return found.unknowns if signs[0] == signs[1] else None
+    signs = [np.linalg.slogdet(solved.jacobian[:, :-1])[0] for solved in (point, solution)]
+    return solution.unknowns if signs[0] == signs[1] else None

@@ -114,30 +114,30 @@ def follow(
     point, length, travelled = start, 0.3 * longest, 0.0
     while len(points) < most and length > _SHORTEST * longest:
         guess = point.unknowns + length * point.tangent * point.sizes
-        found = solve(equations, guess, point.tangent)
-        if found is None or not _near(point, found, length, corner=length < _CORNER * longest):
+        after = solve(equations, guess, point.tangent)
+        if after is None or not _is_near_enough(point, after, length, corner=length < _CORNER * longest):
             length *= 0.5
             continue
-        if not bounds[0] <= found.parameter <= bounds[1]:
-            if end := _at_bound(equations, point, found, bounds):
+        if not bounds[0] <= after.parameter <= bounds[1]:
+            if end := _at_bound(equations, point, after, bounds):
                 points.append(end)
             break
-        if travelled > 3.0 * length and _closes(start, point, found):
+        if travelled > 3.0 * length and _closes_curve(start, point, after):
             return [*points, start], True
-        points.append(found)
+        points.append(after)
         travelled += length
-        if stop(found):
+        if stop(after):
             break
-        point = found
-        length *= _GROWTH if found.corrections <= _FEW else 0.5 if found.corrections >= _MANY else 1.0
+        point = after
+        length *= _GROWTH if after.corrections <= _FEW else 0.5 if after.corrections >= _MANY else 1.0
         length = min(length, longest)
     return points, False
 
 
-def _near(point: Point, found: Point, length: float, *, corner: bool) -> bool:
+def _is_near_enough(point: Point, after: Point, length: float, *, corner: bool) -> bool:
     """Whether a step was short enough for the bend of the curve; one about a `corner`, as kinks make, may bend more."""
-    apart = np.linalg.norm((found.unknowns - point.unknowns) / point.sizes)
-    scaled = found.tangent * found.sizes / point.sizes
+    apart = np.linalg.norm((after.unknowns - point.unknowns) / point.sizes)
+    scaled = after.tangent * after.sizes / point.sizes
     bend = scaled @ point.tangent / np.linalg.norm(scaled)
     return bool(apart < 1.5 * length and bend > (_TURN if corner else _BEND))
 
@@ -152,13 +152,13 @@ def _at_bound(
         return None
     guess = inside.unknowns + part * (outside.unknowns - inside.unknowns)
     guess[-1] = bound
-    found = solve(equations, guess)
-    return None if found is None else turned(found, inside.tangent)
+    bounded = solve(equations, guess)
+    return None if bounded is None else turned(bounded, inside.tangent)
 
 
-def _closes(start: Point, point: Point, found: Point) -> bool:
-    """Whether the start lies on the step from `point` to `found`."""
-    chord = (found.unknowns - point.unknowns) / start.sizes
+def _closes_curve(start: Point, point: Point, after: Point) -> bool:
+    """Whether the start lies on the step from `point` to `after`."""
+    chord = (after.unknowns - point.unknowns) / start.sizes
     way = (start.unknowns - point.unknowns) / start.sizes
     part = way @ chord / (chord @ chord)
     aside = np.linalg.norm(way - part * chord)
@@ -184,14 +184,14 @@ def locate(equations: Equations, first: Point, last: Point, test: Callable[[Poin
         return test(ends[part])
 
     try:
-        return ends[_zero(at)]
+        return ends[_sign_change(at)]
     except ArithmeticError:
         # beside a branch point, at which the equations are singular: the nearest that was found
         part = min(ends, key=lambda part: abs(test(ends[part])))
         return ends[part] if 0.0 < part < 1.0 else None
 
 
-def _zero(function: Callable[[float], float]) -> float:
+def _sign_change(function: Callable[[float], float]) -> float:
     """Where a function that changes its sign from 0 to 1 vanishes (Illinois method)."""
     low, high, at_low, at_high = 0.0, 1.0, function(0.0), function(1.0)
     moved = ""

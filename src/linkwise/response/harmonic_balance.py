@@ -45,7 +45,7 @@ class _Tree(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def _basis(harmonics: int, samples: int, first: float = 0.0) -> tuple[Floats, Floats, Floats]:
+def _harmonics_at(harmonics: int, samples: int, first: float = 0.0) -> tuple[Floats, Floats, Floats]:
     """Phases (M,) of samples of a turn, from `first` of a step on, the harmonics there (M, 2H + 1) and their derivatives."""
     phases: Floats = 2.0 * np.pi * (np.arange(samples) + first) / samples
     orders = np.arange(1, harmonics + 1)
@@ -84,7 +84,7 @@ class HarmonicBalance(PeriodicEquations):
     @cached_property
     def _grid(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Phases (M,), harmonics and derivatives there (M, 2H + 1), and what makes coefficients of samples (2H + 1, M)."""
-        phases, basis, slopes = _basis(self.harmonics, self._samples)
+        phases, basis, slopes = _harmonics_at(self.harmonics, self._samples)
         weights = basis.T * (2.0 / self._samples)
         weights[0] *= 0.5
         return phases, basis, slopes, weights
@@ -174,7 +174,7 @@ class HarmonicBalance(PeriodicEquations):
 
     def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
         """(samples + 1, N) the motion over a period, its end included."""
-        _, basis, slopes = _basis(self.harmonics, samples)
+        _, basis, slopes = _harmonics_at(self.harmonics, samples)
         motion = np.hstack(self._moved(unknowns, basis, slopes))
         return np.concatenate([motion, motion[:1]])
 
@@ -206,7 +206,7 @@ class HarmonicBalance(PeriodicEquations):
         return self._known[key]
 
     def _monodromy(self, unknowns: Floats) -> Floats:
-        phases, basis, slopes = _basis(self.harmonics, _STABILITY, 0.5)
+        phases, basis, slopes = _harmonics_at(self.harmonics, _STABILITY, 0.5)
         structure, omega, count = self.structure, float(unknowns[-1]), self.structure.size
         x, v, states = self._moved(unknowns, basis, slopes)
         base, speed = self.base(omega, phases)

@@ -78,19 +78,19 @@ def steady_points(record: Record, drive: Drive, channels: Sequence[Channel]) -> 
     record lacks the excitation, or all channels, or shows no steady cycles.
     """
     wanted = [drive.kind] if drive.kind == FORCE else ["x", "v", "a"]
-    driven = _measured(record, wanted, drive.place)
+    driven = _measured_channel(record, wanted, drive.place)
     if driven is None:
         named = " or ".join(f"{kind}:{drive.place}" for kind in wanted)
         held = ", ".join(record.channels)
         raise RecordError(f"measured points need the excitation, {named}, and the record holds {held}")
-    shown = [_measured(record, ("x", "v", "a"), channel.place) for channel in channels]
+    shown = [_measured_channel(record, ("x", "v", "a"), channel.place) for channel in channels]
     if not any(shown):
         raise RecordError(
             f"none of {', '.join(channels)} was measured, nor the velocity or acceleration there; the record holds "
             f"{', '.join(record.channels)}"
         )
     signal = record.channel(driven) - np.nanmean(record.channel(driven))
-    edges = _cycles(signal)
+    edges = _starts_of_cycles(signal)
     rows = []
     for first in range(0, len(edges) - _CYCLES, _CYCLES):
         block = edges[first : first + _CYCLES + 1]
@@ -100,13 +100,13 @@ def steady_points(record: Record, drive: Drive, channels: Sequence[Channel]) -> 
         if len(at) < _PER_CYCLE * _CYCLES or np.ptp(np.diff(block)) > 0.2 * np.mean(np.diff(block)):
             continue
         order = 0 if drive.kind == FORCE else drive.order - driven.order
-        size = _half(signal[at], cycles, omega, order)
-        own = [
-            _half(record.channel(name)[at], cycles, omega, channel.order - name.order) if name else np.nan
+        size = _swing(signal[at], cycles, omega, order)
+        swings = [
+            _swing(record.channel(name)[at], cycles, omega, channel.order - name.order) if name else np.nan
             for name, channel in zip(shown, channels, strict=True)
         ]
-        if np.isfinite(size) and np.isfinite(own).any():
-            rows.append([omega / (2.0 * np.pi), size, *own])
+        if np.isfinite(size) and np.isfinite(swings).any():
+            rows.append([omega / (2.0 * np.pi), size, *swings])
     if not rows:
         raise RecordError(
             f"{driven} shows no {_CYCLES} steady cycles in a row: measured points need a stepped or slowly swept sine",
@@ -136,13 +136,13 @@ def decay_points(record: Record, hz: float, channels: Sequence[Channel]) -> Meas
     return MeasuredPoints(ring.frequency, np.full(len(omega), np.nan), amplitude)
 
 
-def _measured(record: Record, kinds: Sequence[str], place: str) -> Channel | None:
+def _measured_channel(record: Record, kinds: Sequence[str], place: str) -> Channel | None:
     """The first channel of these kinds at a place that the record has."""
     names = (Channel(kind, place) for kind in kinds)
     return next((name for name in names if name in record.channels), None)
 
 
-def _cycles(signal: Floats) -> Floats:
+def _starts_of_cycles(signal: Floats) -> Floats:
     """Where a signal goes up through zero, in samples; cycles begin below a part of its size, so that noise makes none."""
     signal = np.nan_to_num(signal)
     least = _SILENT * np.abs(signal).max()
@@ -152,7 +152,7 @@ def _cycles(signal: Floats) -> Floats:
     return np.asarray(ups + signal[ups] / (signal[ups] - signal[ups + 1]))
 
 
-def _half(values: Floats, cycles: Floats, omega: float, order: int) -> float:
+def _swing(values: Floats, cycles: Floats, omega: float, order: int) -> float:
     """Half of peak to peak of the periodic part, differentiated `order` times; NaN where it is not most of the motion."""
     k = np.arange(1, _HARMONICS + 1)
     phases = 2.0 * np.pi * np.outer(cycles, k)

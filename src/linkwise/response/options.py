@@ -308,16 +308,16 @@ class AskedStructure:
             case Posterior():
                 return cls(answer.structure, answer, basis=answer.basis)
             case Estimate():
-                ranges = {found.link.name: found.d_range for found in answer.links}
+                ranges = {link.link.name: link.d_range for link in answer.links}
                 try:
                     return cls(answer.structure, posterior := Posterior.of(answer), ranges, posterior.basis)
                 except IdentificationError:
                     return cls(answer.structure, None, ranges, Basis(answer.grade, answer.status))
         path = answer_folder(Path(answer))
         if not (path / COVARIANCE).exists():
-            return cls(read_structure(path), None, _ranges(path), Basis.stated_in(path))
+            return cls(read_structure(path), None, _visited_ranges(path), Basis.stated_in(path))
         posterior = read_posterior(path)
-        return cls(posterior.structure, posterior, _ranges(path), posterior.basis)
+        return cls(posterior.structure, posterior, _visited_ranges(path), posterior.basis)
 
     def farthest(self, d: Floats) -> str:
         """The link whose elongation in `d` (M, L) m goes farthest beyond the range it visited; "" where none does."""
@@ -331,7 +331,7 @@ class AskedStructure:
         return worst
 
 
-def _ranges(folder: Path) -> Ranges:
+def _visited_ranges(folder: Path) -> Ranges:
     """The ranges that the result in a folder states."""
     try:
         links = json.loads((folder / RESULT).read_text(encoding="utf-8"))["links"]

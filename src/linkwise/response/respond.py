@@ -113,9 +113,9 @@ def respond(
         driven = (structure, chosen.drive, size, (low, high))
         within = part(progress, number / len(chosen.sizes), (number + 1) / len(chosen.sizes))
         if integrator is None:
-            search = _balanced(HarmonicBalance(*driven, chosen.harmonics or _HARMONICS), before, within)
+            search = _by_balance(HarmonicBalance(*driven, chosen.harmonics or _HARMONICS), before, within)
         else:
-            search = _searched(Shooting(*driven, integrator), chosen, before, within)
+            search = _by_shooting(Shooting(*driven, integrator), chosen, before, within)
         before = [shown.with_extremes(curve) for curve in search.curves]
         branches = [shown.branch(curve) for curve in before]
         if asked.posterior is not None:
@@ -133,12 +133,12 @@ def respond(
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of motions from states at random that diverge
-def _searched(
+def _by_shooting(
     shooting: Shooting, options: ResponseOptions, before: Sequence[Curve], progress: Progress
 ) -> LevelSearch:
     """All curves at one level; `before` are those of the level before."""
     search, rng = LevelSearch(shooting), np.random.default_rng(options.seed)
-    wells = _wells(shooting.structure)
+    wells = _rest_positions(shooting.structure)
     omegas = np.geomspace(*shooting.bounds, _FREQUENCIES)
     dimension = shooting.structure.topology.dimension
     at_rest = [np.concatenate([well, np.zeros(dimension - len(well))]) for well in wells]
@@ -152,7 +152,7 @@ def _searched(
                 search.take(guess, curve.equations.turns)
         for start in at_rest:
             search.settle(shooting, start, omega)
-        reach = _reach(search, wells)
+        reach = _reach_of_starts(search, wells)
         states = dimension - 2 * len(wells[0])
         for start in random_starts(wells, reach, omega, states, rng, options.starts):
             search.take(np.append(start, omega))
@@ -161,9 +161,9 @@ def _searched(
     return search
 
 
-def _balanced(balance: HarmonicBalance, before: Sequence[Curve], progress: Progress) -> LevelSearch:
+def _by_balance(balance: HarmonicBalance, before: Sequence[Curve], progress: Progress) -> LevelSearch:
     """All curves at one level by harmonic balance, from rest in every well and from those of the level before."""
-    search, wells = LevelSearch(balance), _wells(balance.structure)
+    search, wells = LevelSearch(balance), _rest_positions(balance.structure)
     omegas = np.geomspace(*balance.bounds, _GROWN)
     for number, omega in enumerate(omegas):
         progress(ProgressReport(number / len(omegas), f"looking for motions at {omega / (2 * np.pi):.4g} Hz"))
@@ -174,7 +174,7 @@ def _balanced(balance: HarmonicBalance, before: Sequence[Curve], progress: Progr
     return search
 
 
-def _wells(structure: Structure) -> Floats:
+def _rest_positions(structure: Structure) -> Floats:
     """(W, n) the rest positions in which motions begin, or 0 where none is stable."""
     try:
         points = equilibria(structure).stable[:_MOST_WELLS]
@@ -183,7 +183,7 @@ def _wells(structure: Structure) -> Floats:
     return np.array([point.x for point in points]) if points else np.zeros((1, structure.size))
 
 
-def _reach(search: LevelSearch, wells: Floats) -> float:
+def _reach_of_starts(search: LevelSearch, wells: Floats) -> float:
     """How far in m random starts are from rest: as far as motions that were found, or other wells."""
     sizes = [point.sizes[0] for curve in search.curves for point, _ in curve.points]
     return max(float(np.ptp(wells, axis=0).max()), max(sizes, default=0.0))
@@ -252,9 +252,9 @@ class _Shown:
 
     def irregular(self, motions: Sequence[IrregularMotion]) -> tuple[Irregular, ...]:
         """Irregular motions in the channels, those of a kind at one frequency together."""
-        found: dict[tuple[float, bool], list[IrregularMotion]] = {}
+        gathered: dict[tuple[float, bool], list[IrregularMotion]] = {}
         for motion in motions:
-            found.setdefault((motion.omega, motion.chaotic), []).append(motion)
+            gathered.setdefault((motion.omega, motion.chaotic), []).append(motion)
         return tuple(
             Irregular(
                 omega / (2.0 * np.pi),
@@ -263,5 +263,5 @@ class _Shown:
                 np.min([(motion.states @ self.rows.T).min(axis=0) for motion in alike], axis=0),
                 np.max([(motion.states @ self.rows.T).max(axis=0) for motion in alike], axis=0),
             )
-            for (omega, chaotic), alike in found.items()
+            for (omega, chaotic), alike in gathered.items()
         )

@@ -226,7 +226,7 @@ class Response(JudgedView):
     @property
     def findings(self) -> tuple[str, ...]:
         """Where the curves leave the range of the record, where motion is not periodic, and what was not looked for."""
-        findings = (sentence for level in self.levels for sentence in _findings(self, level))
+        findings = (sentence for level in self.levels for sentence in _level_findings(self, level))
         return (*findings, *([self.remark] if self.remark else []))
 
     def to_dict(self) -> dict[str, Any]:
@@ -315,7 +315,7 @@ def peak_rows(response: Response) -> list[tuple[str, ...]]:
             for column, (channel, at) in enumerate(zip(response.channels, peaks, strict=True)):
                 unit = unit_in(response.structure, channel)
                 peak = f"{branch.amplitude[at, column]:.4g} {unit} at {branch.hz[at]:.5g} Hz"
-                cells.append(f"{peak}{_about(branch, column, unit)}")
+                cells.append(f"{peak}{_mean_text(branch, column, unit)}")
             name = f"{number}" + (f" ({branch.turns} turns)" if branch.turns > 1 else "")
             name += f" (mirror of {twins[number]})" if number in twins else ""
             span = f"{branch.hz.min():.4g} to {branch.hz.max():.4g}"
@@ -323,7 +323,7 @@ def peak_rows(response: Response) -> list[tuple[str, ...]]:
     return rows
 
 
-def _about(branch: Branch, column: int, unit: str) -> str:
+def _mean_text(branch: Branch, column: int, unit: str) -> str:
     """The mean of a channel that is not symmetric, where it is so least: near a rest position, if in a well."""
     if branch.mean is None:
         return ""
@@ -340,25 +340,25 @@ def _bifurcation_text(branch: Branch) -> str:
 
 def mirrored(level: ResponseLevel) -> dict[int, int]:
     """The numbers of branches, from 1, that are others about the opposite mean, over the same frequencies and as large."""
-    found = {}
-    outlines = [_outline(branch) for branch in level.branches]
+    mirrors = {}
+    outlines = [_branch_outline(branch) for branch in level.branches]
     for (first, one), (second, other) in combinations(enumerate(outlines, start=1), 2):
-        ends, means = (np.array([own[part] for own in (one, other)]) for part in range(2))
+        ends, means = (np.array([outline[part] for outline in (one, other)]) for part in range(2))
         off = np.abs(means).max()
         alike = np.allclose(ends[0], ends[1], rtol=_MIRRORED) and off > _OFF_CENTRE * ends[0, 3:].max()
         if alike and np.abs(means.sum(axis=0)).max() < _OFF_CENTRE * off:
-            found[second] = first
-    return found
+            mirrors[second] = first
+    return mirrors
 
 
-def _outline(branch: Branch) -> tuple[Floats, Floats]:
+def _branch_outline(branch: Branch) -> tuple[Floats, Floats]:
     """Turns, lowest and highest frequency and peaks (3 + C,) of a branch, and what is farthest from 0 of its means (C,)."""
     ends = np.concatenate([[branch.turns, branch.hz.min(), branch.hz.max()], branch.amplitude.max(axis=0)])
     mean = np.zeros_like(branch.amplitude) if branch.mean is None else branch.mean
     return ends, np.take_along_axis(mean, np.abs(mean).argmax(axis=0)[None], axis=0)[0]
 
 
-def _findings(response: Response, level: ResponseLevel) -> list[str]:
+def _level_findings(response: Response, level: ResponseLevel) -> list[str]:
     at, sentences = f"At {level.size:g} {response.drive.unit}", []
     leaving: dict[str, list[float]] = {}
     for branch in level.branches:

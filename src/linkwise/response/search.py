@@ -132,7 +132,7 @@ class LevelSearch:
             if not np.isfinite(states).all():
                 return
             state = states[-1]
-            turns = _turns(states, shooting.sizes(np.append(state, omega))[:-1])
+            turns = _turns_to_repeat(states, shooting.sizes(np.append(state, omega))[:-1])
             if turns and self._attracts(shooting.with_turns(turns), state, omega):
                 return
         if motion := irregular_motion(shooting, state, omega):
@@ -155,7 +155,7 @@ class LevelSearch:
         return motion is not None and bool(np.abs(shooting.multipliers(motion)).max() < 1.0)
 
 
-def _turns(states: Floats, sizes: Floats) -> int:
+def _turns_to_repeat(states: Floats, sizes: Floats) -> int:
     """The turns after which a motion with `states` (M, N) after each comes back near to itself; 0 if it does not."""
     for turns in _PERIODS:
         apart = np.abs((states[turns:] - states[:-turns]) / sizes).max(axis=1)
@@ -183,8 +183,8 @@ def whole_curve(equations: PeriodicEquations, start: Point) -> Curve:
     backward = [] if closed else follow(equations, turned(start, -rising), equations.bounds, is_wild)[0]
     back = [point._replace(tangent=-point.tangent) for point in reversed(backward)]
     points = [*back, turned(start, rising), *forward]
-    marked = with_located(equations, points, _tests(equations))
-    return Curve(equations, tuple(_confirmed(equations, marked)), closed)
+    marked = with_located(equations, points, _bifurcation_tests(equations))
+    return Curve(equations, tuple(_confirmed_bifurcations(equations, marked)), closed)
 
 
 def with_extremes(curve: Curve, amplitude: Callable[[Point], float]) -> Curve:
@@ -217,7 +217,7 @@ def _add_vertex(
         ]
         if min(lengths) == 0.0:
             return
-        way = _vertex(lengths, [height(point) for point in three])
+        way = _parabola_vertex(lengths, [height(point) for point in three])
         first = top - 1 if way < 0.0 else top
         part = 1.0 + way / lengths[0] if way < 0.0 else way / lengths[1]
         ends = points[first][0], points[first + 1][0]
@@ -230,7 +230,7 @@ def _add_vertex(
             top += 1
 
 
-def _vertex(lengths: Sequence[float], values: Sequence[float]) -> float:
+def _parabola_vertex(lengths: Sequence[float], values: Sequence[float]) -> float:
     """Where the parabola through three points has its vertex, as a way from the middle one."""
     (left, right), (before, here, after) = lengths, values
     rise, fall = (here - before) / left, (after - here) / right
@@ -247,7 +247,7 @@ def _branching_off(equations: Shooting, curve: Curve) -> Iterator[tuple[Shooting
     """
     for before, (point, name), after in zip(curve.points, curve.points[1:], curve.points[2:], strict=False):
         turns = equations.turns * (2 if name == DOUBLING else 1)
-        unstable = (np.abs(equations.multipliers(own)).max() > 1.0 for own, _ in (before, after))
+        unstable = (np.abs(equations.multipliers(beside)).max() > 1.0 for beside, _ in (before, after))
         if name not in (DOUBLING, BRANCHING) or turns > 2 or all(unstable):
             continue
         longer = equations.with_turns(turns)
@@ -255,13 +255,13 @@ def _branching_off(equations: Shooting, curve: Curve) -> Iterator[tuple[Shooting
         across = (first @ point.tangent) * second - (second @ point.tangent) * first
         across /= np.linalg.norm(across)
         for step in _BRANCH_STEPS:
-            found = solve(longer, point.unknowns + step * across * point.sizes, across)
-            if found is not None and not repeats_sooner(longer, found):
-                yield longer, found
+            branching = solve(longer, point.unknowns + step * across * point.sizes, across)
+            if branching is not None and not repeats_sooner(longer, branching):
+                yield longer, branching
                 break
 
 
-def _tests(equations: PeriodicEquations) -> list[tuple[str, Callable[[Point], float]]]:
+def _bifurcation_tests(equations: PeriodicEquations) -> list[tuple[str, Callable[[Point], float]]]:
     """Functions of a motion that vanish at bifurcations, by name."""
 
     def at_doubling(point: Point) -> float:
@@ -281,7 +281,7 @@ def _tests(equations: PeriodicEquations) -> list[tuple[str, Callable[[Point], fl
     return [*tests, (BRANCHING, at_branching)] if isinstance(equations, Shooting) else tests
 
 
-def _confirmed(
+def _confirmed_bifurcations(
     equations: PeriodicEquations, marked: Sequence[tuple[Point, str]]
 ) -> Iterator[tuple[Point, str]]:
     """The points, those without a name where nothing gains or loses stability, though a test vanishes.

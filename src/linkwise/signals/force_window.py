@@ -187,17 +187,17 @@ def with_force_windows(record: Record, margin: float | None = None, *, required:
     """
     samples = None if margin is None else round(margin * record.rate)
     forces: Sequence[Channel] = record.forces
-    found = [force_window(name, record.channel(name), samples, hits=required) for name in forces]
+    candidates = [force_window(name, record.channel(name), samples, hits=required) for name in forces]
     if required and not forces:
         raise RecordError("there is no force to window: no applied force was recorded")
-    for name, window in zip(forces, found, strict=True):
+    for name, window in zip(forces, candidates, strict=True):
         if required and window is None:
             raise RecordError(
                 "it has no force window: it is not quiet but for pulses, or shows no noise between them; leave the force "
                 "window out",
                 channel=name,
             )
-    windows = [window for window in found if window is not None]
+    windows = [window for window in candidates if window is not None]
     if not windows:
         return record
     values, noise = record.values.copy(), dict(record.noise)

@@ -29,7 +29,7 @@ SILENT = 0.01
 
 def short_gaps_bridged(record: Record) -> Record | None:
     """A record with a cubic spline in each gap of at most six samples of its responses; None where there is no such gap."""
-    return _with_channels(record, {name: _bridged(record.channel(name)) for name in record.responses})
+    return _with_channels(record, {name: _spline_bridged(record.channel(name)) for name in record.responses})
 
 
 def forces_bridged(record: Record) -> Record:
@@ -61,7 +61,7 @@ def _silence_bridged(force: Floats) -> Floats:
     return filled
 
 
-def _bridged(samples: Floats) -> Floats:
+def _spline_bridged(samples: Floats) -> Floats:
     """The samples (N,) with short gaps interpolated, except at the ends."""
     present = np.flatnonzero(np.isfinite(samples))
     if len(present) < _FEWEST:
@@ -129,11 +129,11 @@ def denser(record: Record) -> tuple[Record, int]:
     if np.isnan(highest):
         return record, 1
     factor = ceil(_DENSE * highest / record.rate)
-    noise, values = dict(record.noise) | channel_noise(record), _between(record.values, factor)
+    noise, values = dict(record.noise) | channel_noise(record), _band_limited_between(record.values, factor)
     return replace(record, values=values, rate=factor * record.rate, noise=noise), factor
 
 
-def _between(values: Floats, factor: int) -> Floats:
+def _band_limited_between(values: Floats, factor: int) -> Floats:
     """((N - 1) `factor` + 1, C) band-limited samples through `values` (N, C), which go on by reflection in their ends."""
     samples = len(values)
     around = min(samples - 1, _REFLECTED)

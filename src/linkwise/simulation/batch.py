@@ -44,8 +44,8 @@ def run_batch(schedules: Sequence[RunSchedule], levels: Sequence[Sequence[Floats
 
     `levels` has, by run and link, the elongations in m whose crossings are recorded. Raises ValueError for a shape with kinks.
     """
-    by_link = [list(zip_longest(*own, fillvalue=_NEVER)) for own in zip(*levels, strict=True)]
-    watched = tuple(link for link, own in enumerate(by_link) for _ in own)
+    by_link = [list(zip_longest(*link_levels, fillvalue=_NEVER)) for link_levels in zip(*levels, strict=True)]
+    watched = tuple(link for link, link_levels in enumerate(by_link) for _ in link_levels)
     all_levels = np.array([level for own in by_link for level in own]).reshape(-1, len(schedules))
     system = compiled_system(schedules[0].shape)
     completed = np.ones(len(schedules), dtype=bool)

@@ -56,9 +56,9 @@ class LinkForces:
     def dissipated_power(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
         """Power (M, L) in W that every link dissipates, (f(d, v) - f(d, 0)) v; with memory, (f(d, v, s) - f(d, 0, 0)) v."""
         powers = []
-        for link, own in self.variables(time, x, v, states):
-            program = _dissipation(link.law)
-            named: dict[str, Floats | float] = {**link.values, **own}
+        for link, variables in self.variables(time, x, v, states):
+            program = _dissipation_program(link.law)
+            named: dict[str, Floats | float] = {**link.values, **variables}
             power = program(*(named[name] for name in program.inputs))[0]  # a number for a spring
             powers.append(np.broadcast_to(power, time.shape))
         return np.stack(powers, axis=1)
@@ -84,7 +84,7 @@ class LinkForces:
 
 
 @lru_cache(maxsize=128)
-def _dissipation(law: Law) -> Program:
+def _dissipation_program(law: Law) -> Program:
     """The program of the power that a law dissipates."""
     power = dissipated_power(law.expression, (*law.states, *law.signals))
     return Program([power], symbols(power))
@@ -112,7 +112,7 @@ def energy_balance(
     structure, base_at = schedule.structure, schedule.excitation.base_at
     steps: list[float] = []
     integrate(schedule, schedule.times[-1:], options=RunOptions(repeated=run, log=steps))
-    times, weights, samples = _rule(schedule, steps)
+    times, weights, samples = _quadrature(schedule, steps)
     forces = LinkForces(structure, schedule.excitation)
     size, links = structure.size, len(structure.links)
     gained = np.zeros((len(schedule.times), links + 1))  # dissipated by each link, then supplied
@@ -120,7 +120,7 @@ def energy_balance(
     def receive(first: int, x: Floats, v: Floats, states: Floats) -> None:
         part = slice(first, first + len(x))
         time = times[part]
-        power = _powers(forces, time, x, v, states) * weights[part, None]
+        power = _link_powers(forces, time, x, v, states) * weights[part, None]
         sample = samples[part]
         starts = np.flatnonzero(np.diff(sample, prepend=-1))
         gained[sample[starts]] += np.add.reduceat(power, starts, axis=0)
@@ -143,7 +143,7 @@ def energy_balance(
     )
 
 
-def _rule(schedule: RunSchedule, steps: list[float]) -> tuple[Floats, Floats, Indices]:
+def _quadrature(schedule: RunSchedule, steps: list[float]) -> tuple[Floats, Floats, Indices]:
     """Nodes and weights (Q,) in s of panels between all output times, stops and steps, and the index (Q,) of the output time
     at or after each node; impulses have weight 0.
     """
@@ -162,7 +162,7 @@ def _rule(schedule: RunSchedule, steps: list[float]) -> tuple[Floats, Floats, In
     return times, weights, sample.clip(max=len(schedule.times) - 1)
 
 
-def _powers(forces: LinkForces, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
+def _link_powers(forces: LinkForces, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
     """Power (M, L + 1) in W: what every link dissipates, then what forces and base supply."""
     supplied = np.einsum("ti,ti->t", forces.applied(time), v)
     if (base := forces.excitation.base) is not None:

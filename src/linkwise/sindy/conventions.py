@@ -185,13 +185,13 @@ def monomial_force(
         message = "the true motion of a link is known for a simulated record only; this one was measured"
         raise RecordError(message)
     chosen, truth = structure.link(link), record.simulated
-    sink = _sink(structure, chosen)
+    sink = _end_of_sink(structure, chosen)
     named = {mass: f"x{tag}" for mass, tag in zip(record.masses, tags(record.masses), strict=True)}
     terms = fit.terms(f"{named[sink]}''")
     d = structure.elongations(truth.displacement, truth.base)[:, structure.links.index(chosen)]
     sign = 1.0 if sink == chosen.between[0] else -1.0
     if reading == "coefficients":
-        powers = _powers(chosen)
+        powers = _powers_of_law(chosen)
         names = [named[sink] + (f"**{power}" if power > 1 else "") for power in powers]
         absent = [name for name in names if name not in fit.names]
         if absent:
@@ -202,7 +202,7 @@ def monomial_force(
         columns = (sign * d[:, None]) ** np.array(powers)
     else:
         masses = [mass for mass in record.masses if reading == "displacements" or mass in chosen.between]
-        library = Monomials(tuple(named[mass] for mass in masses), _order(fit, named[sink]))
+        library = Monomials(tuple(named[mass] for mass in masses), _library_order(fit, named[sink]))
         names, at = list(library.names), [truth.structure.mass_names.index(mass) for mass in masses]
         columns = library.evaluate(truth.displacement[:, at])
     # A constant force, such as a weight, is not a stiffness force: the constant column is left out.
@@ -253,9 +253,9 @@ def monomial_nmse(
     return force_error(structure.link(link).force(d), identified, link)
 
 
-def _sink(structure: Structure, link: Link) -> str:
+def _end_of_sink(structure: Structure, link: Link) -> str:
     """The end of the link that carries no other link."""
-    carried = Counter(end for one in structure.links for end in one.between)
+    carried = Counter(end for joint in structure.links for end in joint.between)
     for end in link.between:
         if end in structure.mass_names and carried[end] == 1:
             return end
@@ -265,7 +265,7 @@ def _sink(structure: Structure, link: Link) -> str:
     )
 
 
-def _powers(link: Link) -> list[int]:
+def _powers_of_law(link: Link) -> list[int]:
     """The powers of d in the law at v = 0, the constant left out. Raises IdentificationError for another law."""
     monomials = polynomial(link.law.elastic, ("d",))
     if monomials is None:
@@ -276,6 +276,6 @@ def _powers(link: Link) -> list[int]:
     return sorted(power for (power,) in monomials if power)
 
 
-def _order(fit: RegressionFit, variable: str) -> int:
+def _library_order(fit: RegressionFit, variable: str) -> int:
     """The highest power of a variable in the fit's library."""
     return next(k for k in count(2) if f"{variable}**{k}" not in fit.names) - 1

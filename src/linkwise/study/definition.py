@@ -346,7 +346,7 @@ def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
         _subject(entry, length, path, source, folder)
         for i, listed in enumerate(document.structure)
         for entry, path in _with_variants(listed, data["structure"][i], f"structure[{i}]", source)
-        for length in _lengths(entry, f"{source}, {path}")
+        for length in _durations_and_rates(entry, f"{source}, {path}")
     )
     methods = tuple(_method(entry, f"method[{i}]", source) for i, entry in enumerate(document.method))
     counts = {key: getattr(document, key) for key in _LEAST}
@@ -367,11 +367,11 @@ def _with_variants(
         if not variant.get("name"):
             wanted = "give the variant a name, which is added to that of the structure"
             raise StudyError(wanted, f"{source}, {place}.name")
-        name = f"{_name(entry)}, {own.name}" if _name(entry) else own.name
+        name = f"{_structure_name(entry)}, {own.name}" if _structure_name(entry) else own.name
         yield msgspec.structs.replace(own, name=name, values={**entry.values, **own.values}), place
 
 
-def _lengths(entry: _Structure, where: str) -> Iterator[tuple[float, float, tuple[str, ...]]]:
+def _durations_and_rates(entry: _Structure, where: str) -> Iterator[tuple[float, float, tuple[str, ...]]]:
     """Each duration of a structure in s at each of its rates in Hz; where it lists several, what of these its name says."""
     listed: list[list[tuple[float, tuple[str, ...]]]] = []
     for key, unit in (("duration", "s"), ("rate", "Hz")):
@@ -379,12 +379,12 @@ def _lengths(entry: _Structure, where: str) -> Iterator[tuple[float, float, tupl
         if given == []:
             raise StudyError("must be a number, or a list of at least one", f"{where}.{key}")
         several = isinstance(given, list)
-        listed.append([(one, (f"{one:.6g} {unit}",)) for one in given] if several else [(given, ())])
+        listed.append([(value, (f"{value:.6g} {unit}",)) for value in given] if several else [(given, ())])
     for (duration, first), (rate, second) in product(*listed):
         yield duration, rate, (*first, *second)
 
 
-def _name(entry: _Structure) -> str:
+def _structure_name(entry: _Structure) -> str:
     return entry.name or (f"bnes{entry.bnes}" if entry.bnes else "")
 
 
@@ -394,7 +394,7 @@ def _subject(
     structure, (duration, rate, named) = _structure(entry, path, source, folder), length
     try:
         return Subject(
-            name=", ".join((_name(entry) or structure.name or path, *named)),
+            name=", ".join((_structure_name(entry) or structure.name or path, *named)),
             structure=structure,
             duration=duration,
             rate=rate,

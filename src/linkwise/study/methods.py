@@ -138,11 +138,11 @@ def _identify(
     estimate = identify(record, subject.stated_structure(seed), method=estimator)
     names = [parameter.name for parameter in estimate.parameters]
     errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0)).tolist()
-    true, found = subject.true_structure, estimate.structure
+    true, identified = subject.true_structure, estimate.structure
     return MethodResult(
         status=estimate.status,
         seconds=estimate.seconds,
-        links={name: nmse(true.link(name), found.link(name), clean) for name in subject.judged_links},
+        links={name: nmse(true.link(name), identified.link(name), clean) for name in subject.judged_links},
         coefficients=dict(zip(names, map(float, estimate.values), strict=True)),
         standard_errors={} if estimate.grade is Grade.REFUSED else dict(zip(names, errors, strict=False)),
         reason="" if estimate.trusted else estimate.explanation,
@@ -161,10 +161,10 @@ def judged(structure: Structure, subject: Subject, clean: Record) -> tuple[dict[
     truth = subject.true_structure
     score = term_score(structure, truth)
     aligned, links = align_truth(structure, truth), {}
-    found = {frozenset(link.between): link for link in reversed(structure.links)}
+    by_ends = {frozenset(link.between): link for link in reversed(structure.links)}
     for name in subject.judged_links:
         true = truth.link(name)
-        link = found.get(frozenset(true.between))
+        link = by_ends.get(frozenset(true.between))
         true = true if link is None else aligned.link(link.name)
         links[name] = nmse(true, link or Link(name, true.between, _NO_FORCE, {}), clean)
     return links, {name: len(getattr(score, name)) for name in ("right", "missing", "extra")}
@@ -248,7 +248,7 @@ class MonomialMethod(StudyMethod, frozen=True, kw_only=True):
     def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
         masses_alone(subject, 'methods of the kind "monomial"')
         structure = subject.structure
-        equations, gram, seconds = _gram(clean, self.convention, snr_db, seed, self.order)
+        equations, gram, seconds = _gram_of_case(clean, self.convention, snr_db, seed, self.order)
         started = perf_counter()
         named = dict(zip(structure.mass_names, tags(structure.mass_names), strict=True))
         ends = [end for link in structure.links for end in link.between]  # an equation has a single link
@@ -259,13 +259,13 @@ class MonomialMethod(StudyMethod, frozen=True, kw_only=True):
         for name in subject.judged_links:
             links[name] = monomial_nmse(fit, structure, name, clean, reading=self.reading)
             d, force = monomial_force(fit, structure, name, clean, reading=self.reading)
-            coefficients.update(_coefficients(structure.link(name), d, force))
+            coefficients.update(_fitted_coefficients(structure.link(name), d, force))
         status = Verdict.CONVERGED.status
         return MethodResult(status=status, seconds=seconds, links=links, coefficients=coefficients)
 
 
 @lru_cache(maxsize=1)
-def _gram(
+def _gram_of_case(
     clean: Record, convention: Convention, snr_db: float, seed: int, order: int
 ) -> tuple[StreamedSystem, Gram, float]:
     """The equations of a case, their Gram matrix and the time in s that it took; the last one is cached."""
@@ -289,7 +289,7 @@ def _regressor(name: str, threshold: float | None) -> Regressor:
     return regressor if threshold is None else regressor.with_threshold(threshold)
 
 
-def _coefficients(link: Link, d: Floats, force: Floats) -> dict[str, float]:
+def _fitted_coefficients(link: Link, d: Floats, force: Floats) -> dict[str, float]:
     """The stiffness coefficients of a polynomial law that fit a force (N,) N at elongations `d` (N,) m.
 
     None for another law.
@@ -316,7 +316,7 @@ def true_monomials(structure: Structure) -> set[tuple[str, str]]:
     variables = tuple(f"{kind}{tag}" for tag in (*names.values(), "b") for kind in "xv")
     monomials: set[tuple[str, str]] = set()
     for mass, tag in names.items():
-        forces = [_force(link, mass, ends) for link in structure.links if mass in link.between]
+        forces = [_monomial_force(link, mass, ends) for link in structure.links if mass in link.between]
         terms = polynomial(add(*forces), variables) if forces else {}
         if terms is None:
             raise IdentificationError(
@@ -329,7 +329,7 @@ def true_monomials(structure: Structure) -> set[tuple[str, str]]:
     return monomials
 
 
-def _force(link: Link, mass: str, ends: dict[str, str]) -> Expression:
+def _monomial_force(link: Link, mass: str, ends: dict[str, str]) -> Expression:
     """What a link adds to M x'' of a mass, with its numbers, in the states of its ends."""
     numbers: dict[str, Expression] = {name: Number(value) for name, value in link.values.items()}
     signed = zip((1.0, -1.0), link.between, strict=True)
@@ -412,7 +412,7 @@ class SindyMethod(StudyMethod, frozen=True):
         inputs = {(f"x{named[mass]}''", f"f{named[mass]}") for mass in states.driven}
         truth = true_monomials(subject.true_structure) | inputs
         chosen = {(target, name) for target in targets for name in fit.terms(target)}
-        return _of_sindy(float(fit.residual.max()), seconds, terms=_counted(truth, chosen))
+        return _of_sindy(float(fit.residual.max()), seconds, terms=_counted_monomials(truth, chosen))
 
 
 def _of_sindy(unexplained: float, seconds: float, **found: Any) -> MethodResult:
@@ -422,7 +422,7 @@ def _of_sindy(unexplained: float, seconds: float, **found: Any) -> MethodResult:
     return MethodResult(status=verdict.status, seconds=seconds, reason=reason, **found)
 
 
-def _counted(truth: set[tuple[str, str]], chosen: set[tuple[str, str]]) -> dict[str, int]:
+def _counted_monomials(truth: set[tuple[str, str]], chosen: set[tuple[str, str]]) -> dict[str, int]:
     """The numbers of monomials as a row has them."""
     return {"right": len(truth & chosen), "missing": len(truth - chosen), "extra": len(chosen - truth)}
 
@@ -482,7 +482,7 @@ class PySindyMethod(StudyMethod, frozen=True):
             for column in np.flatnonzero(equation)
         }
         truth = true_monomials(subject.true_structure)
-        return _of_sindy(float(left.max()), seconds, terms=_counted(truth, chosen))
+        return _of_sindy(float(left.max()), seconds, terms=_counted_monomials(truth, chosen))
 
 
 def _pysindy() -> Any:

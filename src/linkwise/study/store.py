@@ -60,12 +60,12 @@ class Store:
 
     def gather(self, study: Study) -> None:
         """Add what shards have in folders of their own; StudyError for one that is running, or of another definition."""
-        found: dict[Case, Row] = {}
+        gathered: dict[Case, Row] = {}
         for folder in sorted((self.folder / SHARDS).glob("*")):
             with open_store(folder, study) as shard:
-                found |= {row.case: row for row in shard.rows()}
+                gathered |= {row.case: row for row in shard.rows()}
         done = self.done()
-        self.add(row for case, row in found.items() if case not in done)
+        self.add(row for case, row in gathered.items() if case not in done)
 
     def add(self, rows: Iterable[Row]) -> None:
         """Write rows to the disk, all or none; they replace rows of cases that are run again.

@@ -100,7 +100,7 @@ class Cell:
         if self.nmse is None or not self.answers:
             return None
         median = self.nmse
-        return min(self.answers, key=lambda row: (abs(_error(row) - median), row.seed))
+        return min(self.answers, key=lambda row: (abs(_row_error(row) - median), row.seed))
 
     def share_above(self, value: float) -> float:
         """The part of the cases, failed ones included, whose error exceeds a value.
@@ -176,7 +176,7 @@ class Cell:
 
     @cached_property
     def _errors(self) -> np.ndarray:
-        return np.array([_error(row) for row in self.answers] + [np.inf] * len(self.failures))
+        return np.array([_row_error(row) for row in self.answers] + [np.inf] * len(self.failures))
 
     def _quantile(self, probability: float) -> float | None:
         return finite(np.quantile(self._errors, probability, method="inverted_cdf")) if self.done else None
@@ -227,7 +227,7 @@ class StudySummary(JudgedView):
         asked, expected = set(cases), Counter(case.cell for case in cases)
         gathered = _by_cell(sorted((row for row in rows if row.case in asked), key=lambda row: row.case))
         true = {subject.name: subject.true_structure for subject in study.subjects}
-        cells = (_cell(key, true[key[0]], count, gathered[key]) for key, count in expected.items())
+        cells = (_cell_of_rows(key, true[key[0]], count, gathered[key]) for key, count in expected.items())
         return cls(study.name, tuple(cells))
 
     @classmethod
@@ -245,7 +245,7 @@ class StudySummary(JudgedView):
             The cells in the order in which they appear.
         """
         cells = (
-            Cell(structure, inside[0].masses, snr_db, method, len(inside), *_answered(inside))
+            Cell(structure, inside[0].masses, snr_db, method, len(inside), *_split_by_answer(inside))
             for (structure, snr_db, method), inside in _by_cell(rows).items()
         )
         return cls("", tuple(cells))
@@ -352,7 +352,7 @@ class StudySummary(JudgedView):
                 ("method", "median %", "worst %", "failed", "untrusted", "of", "covered", "seconds")
                 + (_TERMS if judged else ())
             ]
-            lines += [_line(cell_record(cell), judged) for cell in group]
+            lines += [_printed_row(cell_record(cell), judged) for cell in group]
             blocks.append("\n".join([f"{structure}, {level:g} dB", *align_columns(lines)]))
         reasons = [
             f"! {cell.structure}, {cell.snr_db:g} dB, {cell.method} failed {count} times: {reason}"
@@ -369,22 +369,22 @@ def _by_cell(rows: Iterable[Row]) -> dict[tuple[str, float, str], list[Row]]:
     return gathered
 
 
-def _cell(key: tuple[str, float, str], true: Structure, expected: int, rows: Sequence[Row]) -> Cell:
+def _cell_of_rows(key: tuple[str, float, str], true: Structure, expected: int, rows: Sequence[Row]) -> Cell:
     structure, snr_db, method = key
-    answers, failures = _answered(rows)
+    answers, failures = _split_by_answer(rows)
     names = {name for row in answers for name in row.standard_errors}
     values = {name: true.coefficient(name).value for name in names}
     truth = {name: value for name, value in values.items() if value is not None}
     return Cell(structure, true.size, snr_db, method, expected, answers, failures, truth)
 
 
-def _answered(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
+def _split_by_answer(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
     """The rows with and without an answer: an error of forces, or terms that were judged."""
-    judged = [(np.isfinite(_error(row)) or row.exact is not None, row) for row in rows]
+    judged = [(np.isfinite(_row_error(row)) or row.exact is not None, row) for row in rows]
     return tuple(row for yes, row in judged if yes), tuple(row for yes, row in judged if not yes)
 
 
-def _error(row: Row) -> float:
+def _row_error(row: Row) -> float:
     """The error of a row in %, infinite if there is none."""
     return float("inf") if row.failed or row.nmse is None or np.isnan(row.nmse) else row.nmse
 
@@ -584,7 +584,7 @@ def cell_record(cell: Cell) -> dict[str, Any]:
     return {name: other[name] if name in other else getattr(cell, name) for name in _OF_CELL}
 
 
-def _line(record: dict[str, Any], judged: bool) -> tuple[str, ...]:
+def _printed_row(record: dict[str, Any], judged: bool) -> tuple[str, ...]:
     """A line of the table; where methods are `judged` by their terms, with how many answers have the true ones."""
     counts = (record["exact"], record["wrong_trusted"], record["extra_trusted"]) if judged else ()
     median, worst, seconds = (

@@ -70,8 +70,8 @@ def run_batch(batch: CaseBatch) -> list[CaseResult]:
             f"the worker has linkwise {version('linkwise')}, but the study is run by {batch.linkwise}; install that version"
         )
     with _ONE_AT_A_TIME, one_blas_thread():  # workers share the processors, and sums do not depend on threads
-        study = _study(batch.study)
-        return [_run(study, batch.study, case) for case in batch.cases]
+        study = _cached_study(batch.study)
+        return [_run_case(study, batch.study, case) for case in batch.cases]
 
 
 def failed_row(case: Case, masses: int, reason: str, *, seconds: float = 0.0, status: str = FAILED) -> Row:
@@ -80,14 +80,14 @@ def failed_row(case: Case, masses: int, reason: str, *, seconds: float = 0.0, st
     return Row(**vars(case), masses=masses, **vars(result))
 
 
-def _run(study: Study, text: str, case: Case) -> CaseResult:
+def _run_case(study: Study, text: str, case: Case) -> CaseResult:
     started = perf_counter()
     subject = study.subject(case.structure)
     masses = subject.structure.size
     try:
-        clean = _clean(text, case.structure, study.cycle(case) if subject.scatter else 0)
+        clean = _clean_record(text, case.structure, study.cycle(case) if subject.scatter else 0)
         result = study.method(case.method).evaluate(subject, clean, case.snr_db, case.seed)
-        row = _row(case, masses, result)
+        row = _row_of_result(case, masses, result)
     except LinkwiseError as error:
         row = failed_row(case, masses, str(error), seconds=perf_counter() - started)
     except Exception as error:  # an internal error in one case must not end a study of thousands
@@ -96,7 +96,7 @@ def _run(study: Study, text: str, case: Case) -> CaseResult:
     return CaseResult(row, perf_counter() - started)
 
 
-def _row(case: Case, masses: int, result: MethodResult) -> Row:
+def _row_of_result(case: Case, masses: int, result: MethodResult) -> Row:
     numbers = [*result.links.values(), *result.coefficients.values(), *result.standard_errors.values()]
     if not all(map(math.isfinite, numbers)):
         reason = f"the answer is not finite. {result.reason}".strip()
@@ -105,14 +105,14 @@ def _row(case: Case, masses: int, result: MethodResult) -> Row:
 
 
 @lru_cache(maxsize=2)
-def _study(text: str) -> Study:
+def _cached_study(text: str) -> Study:
     return build_study(json.loads(text), "study", Path())
 
 
 @lru_cache(maxsize=_RECORDS)
-def _clean(text: str, name: str, cycle: int) -> Record:
+def _clean_record(text: str, name: str, cycle: int) -> Record:
     """The clean record of a structure in a cycle, simulated once in this process unless the motion diverges."""
-    return _study(text).subject(name).simulate(cycle)
+    return _cached_study(text).subject(name).simulate(cycle)
 
 
 MOST_WORKERS = 1000  # each takes 0.2 GB of memory
@@ -205,7 +205,7 @@ class ProcessExecutor(Executor):
         return self
 
     def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
-        self._submitted = [[future for future in some if not future.done()] for some in self._submitted]
+        self._submitted = [[future for future in futures if not future.done()] for futures in self._submitted]
         worker = min(range(self._count), key=lambda i: len(self._submitted[i]))
         try:
             future = _submit(self._pools[worker], run_batch, batch)
