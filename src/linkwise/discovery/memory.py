@@ -30,6 +30,7 @@ from linkwise.discovery.selection import (
     leaves_only_noise,
     select_structure,
 )
+from linkwise.discovery.terms import USUAL
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit
@@ -37,6 +38,7 @@ from linkwise.likelihood.optima.restarts import fit_from_starts
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.starts.memory import Start, host_memory_starts, memory_starts, rough_memory_start
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.terms import Delay, of_kind
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
@@ -177,14 +179,20 @@ def select_memory(
     search: TermSearch,
     screened: ScreenedRecords,
     selection: Selection,
-    laws: Sequence[str],
     cause: Cause | None = None,
 ) -> tuple[Selection, tuple[MemoryEvidence, ...]] | None:
-    """The selection with a link that has one of the `laws`, where it leaves only noise at a lower criterion, and its evidence.
+    """The selection with memory in a link, where it leaves only noise at a lower criterion, and the evidence for it.
 
-    `selection` is the best without memory, and `cause` explains most of what it leaves.
+    `selection` is the best without memory, and `cause` explains most of what it leaves. Where no law was offered, usual ones
+    are tried, if masses are known, else starts run far and fits long, and if all displacements were measured.
     """
-    records = framed_records(search.records, search.candidates.full_structure)
+    candidates = search.candidates
+    scaled = all(mass.mass.known for mass in candidates.masses) and not candidates.hosts
+    late = of_kind(search.sensors.errors, Delay)
+    laws = candidates.memory or (USUAL if scaled and not (screened.integrated or late) else ())
+    if selection.interrupted:
+        return None
+    records = framed_records(search.records, candidates.full_structure)
     ranked = _ranked(search, screened, laws, records)
     if not ranked:
         return None
