@@ -283,15 +283,13 @@ def _select(
     if sensors.random:
         return judged(select_with_random_forces(search, screened.first))
     search, exact = select_with_parameters(search, screened.first, screened.measured)
-    exact, with_model_error = select_beyond_white_noise(search, exact)
+    exact = select_beyond_white_noise(search, exact)
     if candidates.memory:
         remembering = select_memory(search, screened, exact)
         if remembering is not None:
             return judged(*remembering)
         screened = replace(screened, remarks=(*screened.remarks, no_memory_remark(candidates.memory)))
-    selection = exact
-    if not exact.is_exact:
-        selection = select_nearly_right(search, exact, known=with_model_error)
+    selection = exact if exact.is_exact else select_nearly_right(search, exact)
     frequencies = rival_frequencies(search, selection) if candidates.hosts else ()
     progress(ProgressReport(_SEARCHED, "judging the terms selected"))
     fit, discovery = judged(selection, frequencies=frequencies)
