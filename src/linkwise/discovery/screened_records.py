@@ -1,7 +1,7 @@
 """What a search for a structure starts from: candidates that the records show, displacements, and a first subset.
 
 The subset is that of the weak screen, or of the Kalman filter beside hosts. Where displacements were integrated, it is the
-tree of links that the accelerations determine (`force_tree`), or that of the most significant links.
+tree of links that the accelerations determine (`force_tree`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from linkwise.discovery.candidates import Candidates, CandidateTerm
 from linkwise.discovery.force_tree import tree_of_forces
-from linkwise.discovery.screen import Measured, screen, screen_links, skeleton
+from linkwise.discovery.screen import Measured, screen, screen_links
 from linkwise.discovery.term_parameters import first_values
 from linkwise.errors import IdentificationError
 from linkwise.progress import Progress
@@ -100,8 +100,7 @@ class ScreenedRecords:
             {k for k, p in enumerate(candidates.pairs) if p.name in candidates.asked_for}
         )
         if integrated:
-            tree = tree_of_forces(records, candidates)
-            first = tree or candidates.on_pairs(skeleton(measured, candidates)) or first
+            first = tree_of_forces(records, candidates) or first
             # a constant force may only shift elongations that were not measured, so that the equations are singular
             first -= {entry.name for entry in candidates.entries if entry.term.is_constant}
         remarks = []
