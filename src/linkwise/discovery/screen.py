@@ -44,8 +44,6 @@ _MOST = 12  # links that are added
 _TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
 _FIRST_LIMIT = 2.5  # |z| in the equation of one mass above which a term is looked at again
 _LIMIT = 4.0  # |z| in all equations above which a term is significant
-# the same for a damper on a link without a spring: the weak form easily takes it for another's
-_DAMPER_LIMIT = 8.0
 # parts of the noise bias to leave in until the normal matrix is positive definite
 _BIAS = (0.0, 0.03, 0.1, 0.3, 1.0)
 
@@ -113,11 +111,6 @@ class WeakRegression:
     def always(self) -> frozenset[int]:
         """The coefficients that are no candidates, by number."""
         return frozenset(k for k, name in enumerate(self.names) if name not in self.candidates.by_name)
-
-    def term(self, number: int) -> str:
-        """The text of the term that a coefficient multiplies; none of one that is no candidate."""
-        entry = self.candidates.by_name.get(self.names[number])
-        return "" if entry is None else entry.term.text
 
     def least_biased(self, task: Callable[[QuadraticModel], Result]) -> tuple[float, Result] | None:
         """The result of a task on the equations with the least part of the noise bias that lets it finish, and that part."""
@@ -250,9 +243,11 @@ def screen(
         near = candidates.on_links_of(tested)
         progress(ProgressReport(1.0, f"screening {len(near)} candidates together"))
     regression = WeakRegression.of(measured, candidates, candidates.structure(near))
-    damped = _with_dampers(regression, _exchanged(regression, regression.significant(_LIMIT)))
-    significant = frozenset(regression.names[k] for k in damped)
-    return significant, tested | candidates.on_links_of(significant)
+    significant = {regression.names[k] for k in _exchanged(regression, regression.significant(_LIMIT))}
+    linked = candidates.on_links_of(significant)
+    # which weak equations hardly see
+    dampers = {name for name in linked if candidates.by_name[name].term.text == "v"}
+    return frozenset(dampers | (significant & linked)), tested | linked
 
 
 def weak_start(measured: Measured, candidates: Candidates, structure: Structure) -> tuple[Floats, Floats]:
@@ -319,19 +314,3 @@ def _exchanged(regression: WeakRegression, significant: list[int]) -> list[int]:
     if len(pairs) > len(penalty.pairs_of(significant)):
         return significant
     return sorted({*after, *(k for k in significant if int(penalty.pair[k]) in {-1, *pairs})})
-
-
-def _with_dampers(regression: WeakRegression, significant: Sequence[int]) -> list[int]:
-    """`significant` with a damper on every link, which the weak form cannot judge, less what these make insignificant."""
-    pair, quadratic = regression.penalty.pair, regression.quadratic(0.0)
-    is_damper = [regression.term(k) == "v" for k in range(len(regression.names))]
-    sprung = regression.penalty.pairs_of(k for k in significant if not is_damper[k])
-    dampers = {k for k, damps in enumerate(is_damper) if damps and int(pair[k]) in sprung}
-    always = frozenset(dampers | {k for k in significant if pair[k] < 0})
-    every = sorted({*significant, *dampers})
-    try:
-        retained = quadratic.backward_elimination(every, always, _LIMIT)
-        isolated = {k for k in retained if is_damper[k]} - dampers
-        return quadratic.backward_elimination(retained, frozenset(retained) - isolated, _DAMPER_LIMIT)
-    except np.linalg.LinAlgError:
-        return every
