@@ -111,22 +111,25 @@ def _freed(search: TermSearch, selection: Selection) -> tuple[TermSearch, Select
     A term on a wrong link may stand in for the wrong value of another, and goes once that has its own. Terms whose parameters
     no fit finds keep numbers.
     """
-    z = {entry.name: abs(selection.coefficients[k][1]) for k, entry in selection.entries.items()}
-    for strongest in sorted(_open_terms(search.candidates) & selection.chosen, key=lambda name: -z[name]):
-        if strongest not in selection.chosen:
-            continue
+    tried: set[str] = set()
+    while left := (_open_terms(search.candidates) & selection.chosen) - search.candidates.free - tried:
+        z = {entry.name: abs(selection.coefficients[k][1]) for k, entry in selection.entries.items()}
+        strongest = max(sorted(left), key=z.__getitem__)
+        tried.add(strongest)
         deviations = np.sqrt(np.maximum(selection.fit.covariance.diagonal(), 0.0))
-        freed = _with_free(search, search.candidates.free | {strongest})
-        freed = freed.starting_at(selection.structure, selection.fit.values, deviations)
-        try:
-            fitted = select_structure(freed, selection.chosen)
-        except IdentificationError:  # the records do not determine all its parameters
-            continue
-        if fitted.interrupted:
-            return freed, fitted
-        exact = fitted.is_exact and fitted.fit.chi_square < selection.fit.chi_square + _ROUNDING
-        if exact or _is_better(fitted, selection):
-            search, selection = freed, fitted
+        free = search.candidates.free | {strongest}
+        freed = _with_free(search, free).starting_at(selection.structure, selection.fit.values, deviations)
+        for others in (left, {strongest}):
+            try:
+                fitted = select_structure(freed, selection.chosen - (left - others))
+            except IdentificationError:  # the records do not determine all its parameters
+                continue
+            if fitted.interrupted:
+                return freed, fitted
+            exact = fitted.is_exact and fitted.fit.chi_square < selection.fit.chi_square + _ROUNDING
+            if exact or _is_better(fitted, selection):
+                search, selection = freed, fitted
+                break
     return search, selection
 
 
