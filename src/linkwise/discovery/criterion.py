@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -153,6 +153,13 @@ class QuadraticModel:
     @staticmethod
     def _spread(inverse: Floats, inside: Indices, scatter: Floats | None) -> Floats:
         return inverse if scatter is None else inverse @ scatter[np.ix_(inside, inside)] @ inverse
+
+    def among(self, numbers: Indices) -> QuadraticModel:
+        """The model of some coefficients alone."""
+        block, penalty = np.ix_(numbers, numbers), replace(self.penalty, pair=self.penalty.pair[numbers])
+        scatter = None if self.scatter is None else self.scatter[block]
+        names = tuple(self.names[k] for k in numbers)
+        return QuadraticModel(names, self.h[block], self.g[numbers], penalty, scatter)
 
     def determines(self, chosen: Subset) -> bool:
         """Whether `solve` finds one best value of each coefficient: two points of a host may move alike to rounding."""

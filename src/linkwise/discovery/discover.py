@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from math import inf
 from time import perf_counter
-from typing import TypeAlias, Unpack
+from typing import Unpack
 
 import numpy as np
 
@@ -28,14 +28,12 @@ from linkwise.discovery.screen import weak_start
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.term_parameters import select_with_parameters
-from linkwise.discovery.terms import USUAL
 from linkwise.errors import IdentificationError, options_given
 from linkwise.estimates.causes import GAIN_DRIFT, NONLINEARITY, Cause
 from linkwise.likelihood.explained import (
     WHITE,
     answer_with_sensors,
     distinct_error,
-    explained,
 )
 from linkwise.likelihood.fit import LikelihoodFit, with_denoised
 from linkwise.likelihood.harmonics import harmonic_forces, with_harmonics
@@ -155,10 +153,8 @@ def discover(
     checks = _checked(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
     places = {BASE, *candidates.places}
-    strange = {c for one in records for c in one.channels if c.kind != "signal" and c.place not in places}
     records = [
-        one.select([c for c in one.channels if c not in strange]) if strange & {*one.channels} else one
-        for one in records
+        one.select([c for c in one.channels if c.kind == "signal" or c.place in places]) for one in records
     ]
     progress = rising(progress)
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
@@ -205,28 +201,22 @@ def _beside_errors(
 ) -> Discovery:
     """The discovery as `stated`, or that beside errors of sensors which its diagnosis names, where they leave only noise."""
 
-    def beside(rung: _Rung) -> _Rung | None:
-        """The discovery beside the error that is named first; None where nothing is left, or others would explain it."""
-        options, discovery, added = rung
-        error = None if discovery.grade is Grade.EXPLAINED else distinct_error(discovery.diagnosis)
-        if error is None or error.kind in _STANDS_FOR_LAWS:
-            return None
-        wider = with_error(options, error, records[0])
-        with suppress(IdentificationError):
-            return None if wider is None else (wider, answered(wider), (*added, error))
-        return None
-
-    first: _Rung = (options, stated, ())
-    _, discovery, added = explained(first, beside, _ERRORS)
+    discovery, added = stated, list[Cause]()
+    with suppress(IdentificationError):  # of errors that are not told from what is there
+        while len(added) < _ERRORS and discovery.grade is not Grade.EXPLAINED:
+            error = distinct_error(discovery.diagnosis)
+            if error is None or error.kind in _STANDS_FOR_LAWS:
+                break
+            wider = with_error(options, error, records[0])
+            if wider is None:
+                break
+            options, discovery = wider, answered(wider)
+            added.append(error)
     estimate = discovery.estimate
     white = (estimate.chi_square_per_sample or 0.0) < WHITE
     if not added or discovery.grade is not Grade.EXPLAINED or not white:
         return stated
     return replace(discovery, estimate=replace(estimate, added=as_found(added, estimate)))
-
-
-_Rung: TypeAlias = tuple[LikelihoodOptions, Discovery, tuple[Cause, ...]]
-"""A discovery by some options, with the errors that were added to those stated."""
 
 
 def _sensors(chosen: DiscoveryOptions, records: Sequence[Record], structure: Structure) -> LikelihoodOptions:
@@ -293,21 +283,19 @@ def _select(
     )
     if sensors.random:
         return judged(select_with_random_forces(search, screened.first))
-    search, exact = select_with_parameters(search, screened.first, screened.ranges)
-    exact, with_model_error = select_beyond_white_noise(search, exact)
+    search, exact = select_with_parameters(search, screened.first, screened.measured)
+    exact = select_beyond_white_noise(search, exact)
     if candidates.memory:
-        remembering = _with_memory(search, screened, exact)
+        remembering = select_memory(search, screened, exact)
         if remembering is not None:
             return judged(*remembering)
         screened = replace(screened, remarks=(*screened.remarks, no_memory_remark(candidates.memory)))
-    selection = exact
-    if not exact.is_exact:
-        selection = select_nearly_right(search, exact, known=with_model_error)
+    selection = exact if exact.is_exact else select_nearly_right(search, exact)
     frequencies = rival_frequencies(search, selection) if candidates.hosts else ()
     progress(ProgressReport(_SEARCHED, "judging the terms selected"))
     fit, discovery = judged(selection, frequencies=frequencies)
     if not candidates.memory and _may_remember(selection, discovery):
-        remembering = _with_memory(search, screened, exact, *discovery.diagnosis[:1])
+        remembering = select_memory(search, screened, exact, *discovery.diagnosis[:1])
         if remembering is not None:
             return judged(*remembering)
     if selection.is_exact and _lacks_a_term(discovery):
@@ -355,22 +343,6 @@ def _lacks_a_term(discovery: Discovery) -> bool:
     noise = Verdict.MEASUREMENT_ERROR in discovery.verdicts and discovery.diagnosis[:1]
     as_well = bool(noise) and discovery.diagnosis[0].kind == "input noise" and "term" in kinds
     return Verdict.SYSTEMATIC_MISFIT in discovery.verdicts or as_well
-
-
-def _with_memory(
-    search: TermSearch, screened: ScreenedRecords, selection: Selection, cause: Cause | None = None
-) -> tuple[Selection, tuple[MemoryEvidence, ...]] | None:
-    """The selection with memory in a link, where it explains the records better than `selection` without memory.
-
-    `cause` is what explains most of what the latter leaves.
-    """
-    masses = search.candidates.full_structure.masses
-    scaled = all(mass.mass.known for mass in masses)  # else starts run far, and fits long
-    open_motion = screened.integrated or search.candidates.hosts or of_kind(search.sensors.errors, Delay)
-    laws = search.candidates.memory or (USUAL if scaled and not open_motion else ())
-    if not laws or selection.interrupted:
-        return None
-    return select_memory(search, screened, selection, laws, cause)
 
 
 def check_discovery(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.criterion import QuadraticModel, inverse_of
+from linkwise.discovery.criterion import Move, QuadraticModel, inverse_of
 from linkwise.discovery.data_checks import DataChecks
 from linkwise.discovery.prediction import Excess, block_parabolas
 from linkwise.discovery.result import PathPoint, RunnerUp, TermEvidence
@@ -179,8 +179,7 @@ def opposed_damping(selection: Selection) -> tuple[str, ...]:
     opposed = {pair: terms for pair, terms in several.items() if min(solution.z[terms]) < -_NEGATIVE}
     if not opposed:
         return ()
-    motion = selection.link_motions()
-    covariance = inverse_of(selection.quadratic.h[np.ix_(selection.inside, selection.inside)])
+    motion, covariance = selection.link_motions(), selection.quadratic.covariance(selection.inside)
     feeding = []
     for pair, terms in opposed.items():
         d, v = (part.ravel() for part in motion[pairs[pair].name])
@@ -269,10 +268,12 @@ def selection_path(selection: Selection) -> tuple[PathPoint, ...]:
 
 def runners_up(selection: Selection) -> tuple[RunnerUp, ...]:
     """The models one move away whose criterion is nearest to that of the selected one, best first."""
-    names, models = selection.quadratic.names, []
-    for dropped, added, gain in selection.neighbours[:_RUNNERS_UP]:
-        before, after = names[dropped or 0], names[added or 0]
-        change = f"with {after}" if dropped is None else f"without {before}"
-        both = dropped is not None and added is not None
-        models.append(RunnerUp(f"{after} in place of {before}" if both else change, -gain))
-    return tuple(models)
+    names = selection.quadratic.names
+
+    def change(move: Move) -> str:
+        if move.added is None:
+            return f"without {names[move.dropped or 0]}"
+        added = names[move.added]
+        return f"with {added}" if move.dropped is None else f"{added} in place of {names[move.dropped]}"
+
+    return tuple(RunnerUp(change(move), -move.gain) for move in selection.neighbours[:_RUNNERS_UP])

@@ -10,6 +10,7 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates
 from linkwise.model.link import BASE, GROUND
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import channel_motion
@@ -63,23 +64,21 @@ class _Motions:
 
     @classmethod
     def of(cls, record: Record, candidates: Candidates, supports: Sequence[str]) -> _Motions:
-        sigma = channel_noise(record)
-        orders, motions, forces = [], [], []
-        for mass in candidates.masses:
-            channel = record.motions_of(mass.name)[0]
-            motion = channel_motion(record, channel, sigma[channel])
-            applied = f"force:{mass.name}"
-            acting = record.channel(applied) if applied in record.channels else 0.0
-            orders.append(channel.order)
-            motions.append(motion[:2])
-            forces.append((mass.mass.value or 0.0) * motion[2] - acting)
-        for support in supports:
-            moves = support == BASE and f"x:{BASE}" in record.channels
-            x = record.channel(f"x:{BASE}") if moves else np.zeros(len(record))
-            orders.append(0)
-            motions.append(np.stack([x, np.gradient(x, record.step)]))
-        x, v = np.stack(motions, axis=1)
-        return cls(x, v, np.stack(forces), np.array(orders), record.rate)
+        sigma, masses = channel_noise(record), candidates.masses
+        sensors = [record.motions_of(mass.name)[0] for mass in masses]
+        x, v, a = np.stack([channel_motion(record, sensor, sigma[sensor]) for sensor in sensors], axis=1)
+        acting = {name: record.channel(name) for name in record.forces}
+        applied = np.stack(
+            [acting.get(Channel("force", mass.name), np.zeros(len(record))) for mass in masses]
+        )
+        fixed = np.zeros((len(supports), len(record)))
+        for place, support in enumerate(supports):
+            if support == BASE and f"x:{BASE}" in record.channels:
+                fixed[place] = record.channel(f"x:{BASE}")
+        inertia = np.array([mass.mass.value or 0.0 for mass in masses])[:, None]
+        order = np.array([*(sensor.order for sensor in sensors), *(0 for _ in supports)])
+        rates = np.gradient(fixed, record.step, axis=1)
+        return cls(np.vstack([x, fixed]), np.vstack([v, rates]), inertia * a - applied, order, record.rate)
 
     def unexplained(self, mass: int, end: int, forces: Floats) -> tuple[float, float]:
         """The power of the force of a mass that no link to another place explains, and all of it."""

@@ -10,6 +10,7 @@ without them, and those that the motion has no need of once it is held to the la
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,8 +35,6 @@ _TIGHT = 1e-4  # model error from which it is looked for where a fit may do with
 _LOOSER = 9.0  # times the relaxation by which motion is held: where such a fit starts
 _HELD = 0.01  # times the relaxation of a model error: motion is then that of the laws, to a part of what they leave
 _CLOSE = 0.05  # of the root mean square of each channel: what a run may leave that has not lost the motion
-_WORTH = 0.05  # of the sum of squares that such a run leaves: 2.5 % of its root mean square
-_BEYOND = 2.0  # scatters between blocks from which one prediction is better than another one
 
 
 @dataclass(eq=False)
@@ -54,26 +53,21 @@ class ColouredRounds(Rounds):
         return super().ends(fit) or fit.optimum.coloured is None
 
 
-def select_beyond_white_noise(
-    search: TermSearch, selection: Selection
-) -> tuple[Selection, LikelihoodFit | None]:
+def select_beyond_white_noise(search: TermSearch, selection: Selection) -> Selection:
     """The subset that no candidate improves beyond coloured noise, where that explains the residuals of `selection` best.
 
-    Else, or where the search does not settle, `selection` itself, with the fit of its laws with a model error if that is
-    likelier than coloured noise.
+    Else, or where the search does not settle, `selection` itself.
     """
     fit, rounds, number = selection.fit, ColouredRounds(search), selection.rounds + 1
     if selection.interrupted or not is_coloured(fit.misfit.residuals):
-        return selection, None
-    try:
+        return selection
+    with suppress(IdentificationError):
         beyond = rounds.fit(selection.structure, (fit.values, None), rounds.options(number, fit))
-    except IdentificationError:
-        return selection, None
-    if beyond.optimum.coloured is None:
-        return selection, beyond
-    selections, _ = rounds.select(selection.chosen, number, known=beyond)
-    settled = [each for each in selections if each.settled and not rounds.ends(each.fit)]
-    return (settled or [selection])[0], None
+        if beyond.optimum.coloured is not None:
+            selections, _ = rounds.select(selection.chosen, number, known=beyond)
+            settled = (each for each in selections if each.settled and not rounds.ends(each.fit))
+            return next(settled, selection)
+    return selection
 
 
 @dataclass(eq=False)
@@ -213,20 +207,18 @@ class InexactRounds(Rounds):
     def ends(self, fit: LikelihoodFit) -> bool:
         return super().ends(fit) or self.steps > _MOST_STEPS
 
-    def by_evidence(
-        self, selection: Selection, chosen: frozenset[str] | None = None, known: LikelihoodFit | None = None
-    ) -> Selection:
+    def by_evidence(self, selection: Selection, chosen: frozenset[str] | None = None) -> Selection:
         """The subset that no candidate improves by more than blocks of the records agree on, without terms that few want.
 
-        It is searched from that of `selection`, whose fit with its model error may be `known`, or from `chosen`. `settled` is
-        False where the records are too short for blocks, and where rounds or steps run out.
+        It is searched from that of `selection`, or from `chosen`. `settled` is False where the records are too short for
+        blocks, and where rounds or steps run out.
         """
         before = selection.fit
         if chosen is not None:
             before = self.search.first_fit(self.search.candidates.structure(chosen))
             self.relaxation = _TIGHT
         start = selection.chosen if chosen is None else chosen
-        selections, error = self.select(start, selection.rounds + 1, known=known, before=before)
+        selections, error = self.select(start, selection.rounds + 1, before=before)
         last = selections[-1] if selections else selection
         return replace(last, settled=error is None and (last.settled or self.revisits))
 
@@ -260,20 +252,16 @@ class InexactRounds(Rounds):
 
 
 def select_nearly_right(
-    search: TermSearch,
-    selection: Selection,
-    chosen: frozenset[str] | None = None,
-    *,
-    known: LikelihoodFit | None = None,
+    search: TermSearch, selection: Selection, chosen: frozenset[str] | None = None
 ) -> Selection:
-    """The selection with a model error, or that of laws which the motion is held to, where these predict measurably better.
+    """The selection with a model error, or that of laws which the motion is held to, where these do with fewer terms.
 
-    It is searched from that of `selection`, whose fit with its model error may be `known`, or from `chosen`: where `selection`
-    explains the record by terms that stand in for one that was not offered, a smaller subset shows that a model error explains
-    it as well. The motion is held to the laws for measured displacements of masses alone, the states of which records show.
+    It is searched from that of `selection`, or from `chosen`: where `selection` explains the record by terms that stand in for
+    one that was not offered, a smaller subset shows that a model error explains it as well. The motion is held to the laws for
+    measured displacements of masses alone, the states of which records show.
     """
     rounds = InexactRounds(search)
-    inexact = rounds.simplified(rounds.by_evidence(selection, chosen, known))
+    inexact = rounds.simplified(rounds.by_evidence(selection, chosen))
     if search.restarts or not _is_sound(inexact):
         return inexact
     try:
@@ -299,39 +287,26 @@ def _held_to_the_laws(search: TermSearch, inexact: Selection) -> Selection | Non
     closest to the records (output error; Ljung, "System identification", 1999, chapters 4 and 8), and the intervals count by
     how much those with a model error differ: both would agree if it were a random force (Hausman, Econometrica 46, 1978).
 
-    None where that does not predict measurably better, or does not do with fewer terms.
+    None where that does not do with fewer terms, or runs far from the records.
     """
     own = replace(search, tested=search.tested & search.candidates.on_links_of(inexact.chosen))
-    tight = _HELD * inexact.fit.model_error
-    first = _fit(search, inexact, inexact.fit, tight)
-    if not _runs_close(first):
-        return None
-    quadratic = InexactRounds(search).model(first, inexact.structure, inexact.chosen)
-    closer = replace(inexact, fit=first, quadratic=quadratic, rounds=inexact.rounds + 1)
-    if not _runs_closer(closer, inexact.fit.values):
-        return None
-    rounds = InexactRounds(own, tight=tight)
-    closer = rounds.simplified(rounds.by_evidence(closer, known=first))
+    rounds = InexactRounds(own, tight=_HELD * inexact.fit.model_error)
+    closer = rounds.simplified(rounds.by_evidence(inexact))
     fewer = len(closer.chosen) < len(inexact.chosen)
     if not (fewer and closer.settled and _runs_close(closer.fit)):
         return None
-    loose = _fit(search, closer, inexact.fit, inexact.fit.model_error)
+    rounds = InexactRounds(search, tight=inexact.fit.model_error)
+    options = rounds.options(closer.rounds + 1, inexact.fit)
+    loose = rounds.fit(closer.structure, (closer.fit.values, None), options)
     if loose.status is not AnnealingStatus.CONVERGED:
         return None
     fit = _judged_by_blocks(closer.fit, loose, inexact.fit.model_error)
     if fit is None:
         return None
-    quadratic = InexactRounds(search).model(fit, closer.structure, closer.chosen)
+    quadratic = rounds.model(fit, closer.structure, closer.chosen)
     texts = {name: entry.term.text for name, entry in search.candidates.by_name.items()}
     dropped = tuple(f"{name} ({texts[name]})" for name in sorted(inexact.chosen - closer.chosen))
     return replace(closer, fit=fit, quadratic=quadratic, of_departures=dropped)
-
-
-def _fit(search: TermSearch, selection: Selection, before: LikelihoodFit, relaxation: float) -> LikelihoodFit:
-    """A fit of the laws of a selection at one `relaxation`, from its values and the states of the fit `before`."""
-    rounds = InexactRounds(search, tight=relaxation)
-    options = rounds.options(selection.rounds + 1, before)
-    return rounds.fit(selection.structure, (selection.fit.values, None), options)
 
 
 def _runs_close(fit: LikelihoodFit) -> bool:
@@ -342,18 +317,6 @@ def _runs_close(fit: LikelihoodFit) -> bool:
     left = np.sum((sigma * fit.misfit.residuals) ** 2, axis=(0, 2))
     shown = np.sum((segments.samples * segments.observed) ** 2, axis=(0, 2))
     return bool(np.all(left < _CLOSE**2 * shown))
-
-
-def _runs_closer(closer: Selection, values: Floats) -> bool:
-    """Whether pieces that a fit leaves out in turn are predicted better by it than by other `values` (p,) of its laws.
-
-    That is beyond the scatter between blocks, and by more than next to nothing of what it leaves.
-    """
-    parabolas = block_parabolas(closer)
-    if parabolas is None:
-        return False
-    farther = parabolas.prediction_of(values / closer.fit.optimum.scales.theta[: len(values)])
-    return farther.excess > max(_BEYOND * farther.scatter, _WORTH * parabolas.cost)
 
 
 def _judged_by_blocks(
@@ -396,8 +359,8 @@ def choice_remarks(selection: Selection, path: Sequence[PathPoint]) -> Iterator[
     if selection.of_departures:
         yield (
             f"With a model error alone {' and '.join(selection.of_departures)} would have been selected. Held to the laws, "
-            "the motion does without, and pieces of the record that were left out are predicted better: values and evidence "
-            "are those of the laws that run closest to the record, and the intervals allow for the others."
+            "the motion does without: values and evidence are those of the laws that run closest to the record, and the "
+            "intervals allow for the others."
         )
     if selection.needless:
         needless = map(selection.quadratic.names.index, selection.needless)

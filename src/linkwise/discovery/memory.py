@@ -1,11 +1,10 @@
 """Memory as a term: which link, if any, has states of its own, and by which named law.
 
-Where no selection of functions of d and v leaves only noise, or laws with memory were offered, the links of a skeleton are
-offered these laws one at a time: stated links, and the tree of the most significant others. Rough starting values on a piece
-of the record rank links and laws. The best law of the best links is fitted, then the other laws of the link that leaves least,
-and this link without memory, with usual forms of d and v in its place: their criteria are the evidence. A fit that stops at a
-ceiling gives a bound, since the cost only rises as the flow is tightened. From the best fit terms and links are selected as
-without memory.
+Where no selection of functions of d and v leaves only noise, or laws with memory were offered, the links that the screen shows
+and those stated are offered these laws one at a time. Rough starting values on a piece of the record rank links and laws. The
+best law of the best links is fitted, then the other laws of the link that leaves least, and this link without memory, with
+usual forms of d and v in its place: their criteria are the evidence. A fit that stops at a ceiling gives a bound, since the
+cost only rises as the flow is tightened. From the best fit terms and links are selected as without memory.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.result import MemoryEvidence
 from linkwise.discovery.rivals import link_rates
-from linkwise.discovery.screen import skeleton
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import (
     Selection,
@@ -30,6 +28,7 @@ from linkwise.discovery.selection import (
     leaves_only_noise,
     select_structure,
 )
+from linkwise.discovery.terms import USUAL
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit
@@ -37,6 +36,7 @@ from linkwise.likelihood.optima.restarts import fit_from_starts
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.starts.memory import Start, host_memory_starts, memory_starts, rough_memory_start
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.terms import Delay, of_kind
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
@@ -53,7 +53,6 @@ _LINKS = 4  # of the ranked ones that are fitted
 # chi-square and steps at which a fit ends: half more than noise, or nearly, is evidence enough
 _CEILING, _STEPS = 1.5, 25
 _STEPS_BESIDE_HOSTS = 75  # as starts follow from smoothed forces, which may be far off
-_TELLING = 1.2  # chi-square of a fit that says that a link or a law is wrong
 _NEAR = 1.5  # times the least misfit of rough starts up to which starts are refined
 _ALIKE = 10.0  # of -2 log likelihood: laws nearer than that explain the records as well
 _LINEAR = ("d", "v")
@@ -93,31 +92,24 @@ class _Hypothesis:
         memory = tuple(p.name for p in structure.parameters if p.name not in plain)
         return cls(pair, law, own, chosen & known, structure, memory)
 
-    def started(self, records: Sequence[Record], limit: float | None = None) -> _Hypothesis:
-        """With rough starting values, or with all that smoothed forces give beside hosts; as it is where there are none.
-
-        With the best ones on whole records where the rough ones leave less than a `limit`.
-        """
-        if limit is not None and (self.misfit > limit or self.structure.hosts):
-            return self
+    def started(self, records: Sequence[Record]) -> _Hypothesis:
+        """With rough starting values, or with all that smoothed forces give beside hosts; as it is where there are none."""
         with suppress(IdentificationError):
-            if limit is not None:
-                return replace(self, valleys=memory_starts(records, self.structure, {})[:1])
             if self.structure.hosts:
                 return replace(self, valleys=host_memory_starts(records, self.structure, {}))
             return replace(self, valleys=(rough_memory_start(records, self.structure),))
         return self
 
-    def fitted(self, records: Sequence[Record]) -> _Hypothesis:
-        """With the fit from rough starting values, or from better ones if that ends too early to compare.
+    def fitted(self, records: Sequence[Record], limit: float = -np.inf) -> _Hypothesis:
+        """With the fit from its starting values; from the best ones on whole records where these leave less than a `limit`.
 
         Without one where the motion runs away from there.
         """
-        rough = replace(self, fit=self._fit())
-        if rough.is_exact or (rough.fit is not None and rough.fit.chi_square > _TELLING):
-            return rough
-        refined = self.started(records, np.inf)
-        return replace(refined, fit=refined._fit())
+        own = self
+        if self.misfit <= limit and not self.structure.hosts:
+            with suppress(IdentificationError):
+                own = replace(self, valleys=memory_starts(records, self.structure, {})[:1])
+        return replace(own, fit=own._fit())
 
     def _fit(self) -> LikelihoodFit | None:
         steps = _STEPS_BESIDE_HOSTS if self.structure.hosts else _STEPS
@@ -177,14 +169,20 @@ def select_memory(
     search: TermSearch,
     screened: ScreenedRecords,
     selection: Selection,
-    laws: Sequence[str],
     cause: Cause | None = None,
 ) -> tuple[Selection, tuple[MemoryEvidence, ...]] | None:
-    """The selection with a link that has one of the `laws`, where it leaves only noise at a lower criterion, and its evidence.
+    """The selection with memory in a link, where it leaves only noise at a lower criterion, and the evidence for it.
 
-    `selection` is the best without memory, and `cause` explains most of what it leaves.
+    `selection` is the best without memory, and `cause` explains most of what it leaves. Where no law was offered, usual ones
+    are tried, if masses are known, else starts run far and fits long, and if all displacements were measured.
     """
-    records = framed_records(search.records, search.candidates.full_structure)
+    candidates = search.candidates
+    scaled = all(mass.mass.known for mass in candidates.masses) and not candidates.hosts
+    late = of_kind(search.sensors.errors, Delay)
+    laws = candidates.memory or (USUAL if scaled and not (screened.integrated or late) else ())
+    if selection.interrupted:
+        return None
+    records = framed_records(search.records, candidates.full_structure)
     ranked = _ranked(search, screened, laws, records)
     if not ranked:
         return None
@@ -196,11 +194,11 @@ def select_memory(
         firsts = {hypothesis.pair: hypothesis for hypothesis in reversed(ranked)}  # the best law of each link
         best_links = [rest for rest in ranked if rest is firsts[rest.pair]][:_LINKS]
         some = [hypothesis for hypothesis in best_links if hypothesis.pair not in settled]
-        fits += [hypothesis.started(records, limit).fitted(records) for hypothesis in some]
+        fits += [hypothesis.fitted(records, limit) for hypothesis in some]
         first = min(fits, key=lambda fitted: fitted.rank)
         if first.pair not in settled:
             others = [rest for rest in ranked if rest.pair == first.pair and rest.law != first.law]
-            fits += [hypothesis.started(records, limit).fitted(records) for hypothesis in others]
+            fits += [hypothesis.fitted(records, limit) for hypothesis in others]
     best = min(fits, key=lambda fitted: fitted.rank)
     chosen = best.selected()
     if chosen is None or not chosen.is_exact:
@@ -217,12 +215,9 @@ def no_memory_remark(laws: Sequence[str]) -> str:
 def _ranked(
     search: TermSearch, screened: ScreenedRecords, laws: Sequence[str], records: Sequence[Record]
 ) -> list[_Hypothesis]:
-    """Every law on every link of the skeleton, those with the least misfit first."""
+    """Every law on every link that the screen shows, those with the least misfit first."""
     by_name = search.candidates.by_name
-    if search.candidates.hosts:
-        pairs = frozenset(by_name[name].pair for name in screened.first)
-    else:
-        pairs = skeleton(screened.measured, search.candidates) or search.candidates.stated_pairs
+    pairs = {by_name[name].pair for name in screened.first} | search.candidates.stated_pairs
     names = {name for name, entry in by_name.items() if entry.pair in pairs}
     linear = {name for name in names if by_name[name].term.text in _LINEAR}
     chosen = frozenset(linear | (names & screened.first))

@@ -32,17 +32,13 @@ class Excess(NamedTuple):
     scatter: float
 
 
-def _excess(of_blocks: Floats) -> Excess:
-    return Excess(float(of_blocks.sum()), float(np.sqrt(len(of_blocks)) * np.std(of_blocks, ddof=1)))
-
-
 @dataclass(frozen=True, eq=False)
 class BlockParabolas:
     """Slopes (B, u) and curvatures (B, u, u) of blocks in u scaled unknowns about a fit, where these have `values` (u,).
 
     The first of them belong to coefficients, in the places that `numbers` gives, and the first `selected` to those of the fit;
     the others are errors of sensors, which every model finds. `prior` is the slope (u,) and the curvature (u, u) of what is
-    known beforehand, which are in no block; `cost` is that of the fit.
+    known beforehand, which are in no block.
     """
 
     slopes: Floats
@@ -51,7 +47,6 @@ class BlockParabolas:
     numbers: dict[int, int]
     selected: int
     prior: tuple[Floats, Floats] | None = None
-    cost: float = 0.0
 
     def prediction(self, chosen: Collection[int], than: Collection[int] | None = None) -> Excess:
         """That of the model with the coefficients `chosen`, by number; NaN where it is not determined without a block.
@@ -62,15 +57,8 @@ class BlockParabolas:
             excess = self._paid(chosen) - self._paid(range(self.selected) if than is None else than)
         except np.linalg.LinAlgError:
             return Excess(np.nan, np.nan)
-        return _excess(excess)
-
-    def prediction_of(self, values: Floats) -> Excess:
-        """That of other `values` (p,) of the coefficients of the fit, scaled, over the selected model."""
-        move = np.zeros(len(self.values))
-        move[: self.selected] = values - self.values[: self.selected]
-        move[self.selected : len(self.numbers)] = -self.values[self.selected : len(self.numbers)]
-        paid = self.curvatures @ move @ move - 2.0 * self.slopes @ move
-        return _excess(paid - self._paid(range(self.selected)))
+        scatter = np.sqrt(len(excess)) * np.std(excess, ddof=1)
+        return Excess(float(excess.sum()), float(scatter))
 
     def _paid(self, chosen: Collection[int]) -> Floats:
         """(B,) what the model pays for each block, fitted to the others."""
@@ -118,5 +106,4 @@ def block_parabolas(selection: Selection, added: Sequence[int] = ()) -> BlockPar
         for parts, known in ((scores.scores, slope), (scores.information, curvature))
     )
     prior = slope / scale, curvature / scale
-    cost = optimum.misfit.cost(optimum.q) / scale
-    return BlockParabolas(slopes / scale, curvatures / scale, values, numbers, p, prior, cost)
+    return BlockParabolas(slopes / scale, curvatures / scale, values, numbers, p, prior)

@@ -97,8 +97,12 @@ def rival_remarks(rivals: Sequence[Rival]) -> Iterator[str]:
             yield f"{len(own) - _NAMED} more {more}"
 
 
-def _best_first(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
-    return tuple(sorted(rivals, key=lambda rival: rival.excess))
+def _best_of_each(rivals: Iterable[tuple[object, Rival]]) -> tuple[Rival, ...]:
+    """The best of the rivals in each place, the best of all first."""
+    best: dict[object, Rival] = {}
+    for place, rival in sorted(rivals, key=lambda placed: placed[1].excess):
+        best.setdefault(place, rival)
+    return tuple(best.values())
 
 
 # by kind of error: it in words of its place and size, and what to do about it
@@ -172,20 +176,16 @@ def rival_errors(
         sizes = np.array([0.0 if e.where in unknown else largest.get(e.kind, 0.0) for e in errors])
         model = selection.quadratic_beside(local, [-1] * len(errors), [error.where for error in errors])
         screened = _may_be_replaced(model, p, sizes)
-        rivals = (
-            _error(selection, error, size, replaced, excess)
+        return _best_of_each(
+            (replaced, _error(selection, error, size, replaced, excess))
             for number, error in enumerate(errors)
             for term in (constants if error.kind in _EXAMPLES else selection.inside)
             if screened[term, number]
             for size, replaced, excess in _without_term(model, p, p + number, term)
             if abs(size) < sizes[number]
         )
-        best: dict[tuple[int, ...], Rival] = {}
-        for rival in _best_first(rivals):
-            best.setdefault(rival.terms, rival)
     except np.linalg.LinAlgError:
         return ()
-    return tuple(best.values())
 
 
 def _offsets(selection: Selection, channels: Sequence[Channel]) -> Iterator[Added]:
@@ -232,14 +232,7 @@ def _without_term(
     The latter is the criterion above that of the selection, if it is below 10; of errors only this one may join.
     """
     inside = np.array([*(number for number in range(p) if number != term), error])
-    block = np.ix_(inside, inside)
-    part = QuadraticModel(
-        tuple(model.names[k] for k in inside),
-        model.h[block],
-        model.g[inside],
-        replace(model.penalty, pair=model.penalty.pair[inside]),
-        None if model.scatter is None else model.scatter[block],
-    )
+    part = model.among(inside)
     try:
         retained = part.local_search(range(p))
         size = float(part.solve(retained).values[-1])
@@ -306,10 +299,16 @@ def rival_forms(selection: Selection) -> tuple[Rival, ...]:
     the terms, however much it gains, says nothing of whether they stand in for another one.
     """
     p, pairs = len(selection.inside), selection.candidates.pairs
-    tested = [(place, form) for place in _places(selection) for form in _forms(selection, *place[:2])]
+    places: dict[tuple[int, bool], list[int]] = {}
+    for k, entry in selection.entries.items():
+        damping, open_ = entry.term.is_damping, entry.offered.parameters
+        if k < p and not (open_ or pairs[entry.pair].stated) and (entry.term.elastic or damping):
+            places.setdefault((entry.pair, damping), []).append(k)
+    few = [(place, terms) for place, terms in places.items() if len(terms) <= _MOST_OF_A_KIND][:_MOST_LINKS]
+    tested = [(place, terms, form) for place, terms in few for form in _forms(selection, *place)]
     if not tested:
         return ()
-    entries = [CandidateTerm(form.text, pair, form, form) for (pair, _, _), form in tested]
+    entries = [CandidateTerm(form.text, pair, form, form) for (pair, _), _, form in tested]
     try:
         forces = selection.candidates.forces(entries, selection.structure)
         local = local_quadratic(selection.fit.optimum, forces)
@@ -318,18 +317,17 @@ def rival_forms(selection: Selection) -> tuple[Rival, ...]:
     except np.linalg.LinAlgError:
         return ()
     linear = {k for k, entry in selection.entries.items() if entry.term.text == "d"}
-    best: dict[_Place, Rival] = {}
-    for number, (place, form) in enumerate(tested, start=p):
-        pair, damping, chosen = place
+    rivals = []
+    for number, ((pair, damping), chosen, form) in enumerate(tested, start=p):
         excesses = _excesses(model, p, chosen, number, must_damp=damping)
         terms = min(excesses, key=lambda dropped: excesses[dropped], default=())
         if not (terms and excesses[terms] < -CERTAIN):
             curved = () if damping else [d for d in excesses if d and linear.isdisjoint(d)]
             terms = min(curved, key=lambda dropped: excesses[dropped], default=())
-        excess = excesses.get(terms, 0.0)
-        if terms and excess < CERTAIN and (place not in best or excess < best[place].excess):
-            best[place] = _form(model, p, pairs[pair].name, form, number, terms, excess)
-    return _best_first(best.values())
+        if terms and excesses[terms] < CERTAIN:
+            rival = _form(model, p, pairs[pair].name, form, number, terms, excesses[terms])
+            rivals.append(((pair, damping), rival))
+    return _best_of_each(rivals)
 
 
 def _form(
@@ -353,20 +351,6 @@ def _form(
     return Rival("form", terms, excess, remark, moved=moved)
 
 
-#: A pair, by number, whether damping is meant or stiffness, and the terms chosen of that kind there, by number.
-_Place = tuple[int, bool, tuple[int, ...]]
-
-
-def _places(selection: Selection) -> list[_Place]:
-    chosen: dict[tuple[int, bool], tuple[int, ...]] = {}
-    for number, entry in selection.entries.items():
-        place, open_ = (entry.pair, entry.term.is_damping), entry.offered.parameters
-        if number < len(selection.inside) and not open_ and (entry.term.elastic or place[1]):
-            chosen[place] = (*chosen.get(place, ()), number)
-    few = [(*place, terms) for place, terms in chosen.items() if len(terms) <= _MOST_OF_A_KIND]
-    return [place for place in few if not selection.candidates.pairs[place[0]].stated][:_MOST_LINKS]
-
-
 def link_rates(selection: Selection) -> dict[str, float]:
     """Root mean square rate of each link along the fitted motion, in m/s."""
     return {name: float(np.sqrt(np.mean(v**2))) for name, (_, v) in selection.link_motions().items()}
@@ -384,7 +368,7 @@ def _forms(selection: Selection, pair: int, damping: bool) -> Iterator[Term]:
 
 
 def _excesses(
-    model: QuadraticModel, p: int, chosen: tuple[int, ...], form: int, *, must_damp: bool
+    model: QuadraticModel, p: int, chosen: Sequence[int], form: int, *, must_damp: bool
 ) -> dict[tuple[int, ...], float]:
     """By how much the criterion is higher with a form, for all choices of terms that give way to it."""
     excesses: dict[tuple[int, ...], float] = {}
@@ -433,7 +417,7 @@ def rival_links(selection: Selection) -> tuple[Rival, ...]:
                 f"place the criterion is {change}. Excite modes, or measure points, in which both differ."
             )
             exchanges.append(Rival("link", tuple(own.values()), excess, remark))
-    return _best_first(exchanges)
+    return tuple(sorted(exchanges, key=lambda rival: rival.excess))
 
 
 def rival_terms(selection: Selection) -> tuple[Rival, ...]:

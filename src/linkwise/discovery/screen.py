@@ -2,9 +2,8 @@
 
 The weak equations of all masses are regressed together, with one set of coefficients for each link, and terms that are not
 significant eliminated (METHODS section 9). For many masses a first screen regresses the equation of each mass by itself on all
-links that may end there, so that the work grows with the number of pairs; what is significant at either end of a link is
-regressed again: mass by mass for what the likelihood should test, and together. Displacements that were integrated lack their
-constants and suggest false links beside true ones; there the tree of the most significant links is enough to start from.
+links that may end there, so that the work grows with the number of pairs; what is significant at either end of a link is what
+the likelihood should test, and all terms of its link are regressed together.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from scipy.sparse.csgraph import minimum_spanning_tree
 
 from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates
@@ -23,9 +21,8 @@ from linkwise.discovery.criterion import Penalty, QuadraticModel
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.kalman import CHANGES, LinearPart, likeliest_change, samples_of, tuned_modes
 from linkwise.likelihood.starts.values import require_supported
-from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, ProgressReport, part
+from linkwise.progress import Progress, ProgressReport
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
@@ -45,14 +42,10 @@ _TRIED = 2000  # samples that decide which links there are
 _ALLOWED = 1e-2
 _MOST = 12  # links that are added
 _TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
-_ALL_LINKS = 0.8  # of the screen mass by mass: the part in which all links are on offer
 _FIRST_LIMIT = 2.5  # |z| in the equation of one mass above which a term is looked at again
 _LIMIT = 4.0  # |z| in all equations above which a term is significant
-# the same for a damper on a link without a spring: the weak form easily takes it for another's
-_DAMPER_LIMIT = 8.0
 # parts of the noise bias to leave in until the normal matrix is positive definite
 _BIAS = (0.0, 0.03, 0.1, 0.3, 1.0)
-_STATED = 1e12  # in place of |z| of a stated link: larger than any
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +111,6 @@ class WeakRegression:
     def always(self) -> frozenset[int]:
         """The coefficients that are no candidates, by number."""
         return frozenset(k for k, name in enumerate(self.names) if name not in self.candidates.by_name)
-
-    def term(self, number: int) -> str:
-        """The text of the term that a coefficient multiplies; none of one that is no candidate."""
-        entry = self.candidates.by_name.get(self.names[number])
-        return "" if entry is None else entry.term.text
 
     def least_biased(self, task: Callable[[QuadraticModel], Result]) -> tuple[float, Result] | None:
         """The result of a task on the equations with the least part of the noise bias that lets it finish, and that part."""
@@ -251,12 +239,15 @@ def screen(
     """
     near = tested = frozenset(candidates.by_name)
     if len(candidates.masses) > _TOGETHER:
-        near, tested = _screen_mass_by_mass(measured, candidates, progress)
+        tested = _significant_anywhere(measured, candidates, progress)
+        near = candidates.on_links_of(tested)
         progress(ProgressReport(1.0, f"screening {len(near)} candidates together"))
     regression = WeakRegression.of(measured, candidates, candidates.structure(near))
-    damped = _with_dampers(regression, _exchanged(regression, regression.significant(_LIMIT)))
-    significant = frozenset(regression.names[k] for k in damped)
-    return significant, tested | candidates.on_links_of(significant)
+    significant = {regression.names[k] for k in _exchanged(regression, regression.significant(_LIMIT))}
+    linked = candidates.on_links_of(significant)
+    # which weak equations hardly see
+    dampers = {name for name in linked if candidates.by_name[name].term.text == "v"}
+    return frozenset(dampers | (significant & linked)), tested | linked
 
 
 def weak_start(measured: Measured, candidates: Candidates, structure: Structure) -> tuple[Floats, Floats]:
@@ -273,28 +264,20 @@ def weak_start(measured: Measured, candidates: Candidates, structure: Structure)
     return values, np.abs(values / z)
 
 
-def _screen_mass_by_mass(
-    measured: Measured, candidates: Candidates, progress: Progress
-) -> tuple[frozenset[str], frozenset[str]]:
-    """The candidates on links with one that is significant in the equation of a mass, and those significant among them.
+def _significant_anywhere(measured: Measured, candidates: Candidates, progress: Progress) -> frozenset[str]:
+    """The candidates that are significant in the equation of one of their masses.
 
-    Each equation is at first that of a structure with no other links, so that memory grows with the masses alone.
+    Each equation is that of a structure with no other links, so that memory grows with the masses alone.
     """
     around: dict[str, set[str]] = {mass.name: set() for mass in candidates.masses}
     for entry in candidates.entries:
         for end in around.keys() & candidates.pairs[entry.pair].between:
             around[end].add(entry.name)
-    first, second = (part(progress, *ends) for ends in ((0.0, _ALL_LINKS), (_ALL_LINKS, 1.0)))
     names: set[str] = set()
     for number, (mass, links) in enumerate(around.items()):
-        first(ProgressReport(number / len(around), f"screening the links of {mass}"))
+        progress(ProgressReport(number / len(around), f"screening the links of {mass}"))
         names |= _significant_at(number, measured, candidates.structure(links), candidates)
-    near = candidates.on_links_of(names)
-    structure, tested = candidates.structure(near), set()
-    for number, mass in enumerate(around):
-        second(ProgressReport(number / len(around), f"screening the links of {mass} again"))
-        tested |= _significant_at(number, measured, structure, candidates)
-    return near, frozenset(tested)
+    return frozenset(names)
 
 
 def _significant_at(
@@ -331,48 +314,3 @@ def _exchanged(regression: WeakRegression, significant: list[int]) -> list[int]:
     if len(pairs) > len(penalty.pairs_of(significant)):
         return significant
     return sorted({*after, *(k for k in significant if int(penalty.pair[k]) in {-1, *pairs})})
-
-
-def _with_dampers(regression: WeakRegression, significant: Sequence[int]) -> list[int]:
-    """`significant` with a damper on every link, which the weak form cannot judge, less what these make insignificant."""
-    pair, quadratic = regression.penalty.pair, regression.quadratic(0.0)
-    is_damper = [regression.term(k) == "v" for k in range(len(regression.names))]
-    sprung = regression.penalty.pairs_of(k for k in significant if not is_damper[k])
-    dampers = {k for k, damps in enumerate(is_damper) if damps and int(pair[k]) in sprung}
-    always = frozenset(dampers | {k for k in significant if pair[k] < 0})
-    every = sorted({*significant, *dampers})
-    try:
-        retained = quadratic.backward_elimination(every, always, _LIMIT)
-        isolated = {k for k in retained if is_damper[k]} - dampers
-        return quadratic.backward_elimination(retained, frozenset(retained) - isolated, _DAMPER_LIMIT)
-    except np.linalg.LinAlgError:
-        return every
-
-
-def skeleton(measured: Measured, candidates: Candidates) -> frozenset[int]:
-    """The numbers of the pairs with stated links, and of those of the tree of the most significant links beside them.
-
-    It joins every mass to the ground with the largest |z|, that of a link being that of its most significant elastic term.
-    Empty if the significant links do not reach every mass.
-    """
-    z = dict.fromkeys(candidates.stated_pairs, _STATED)
-    regression = WeakRegression.of(measured, candidates, candidates.full_structure)
-    significant = regression.significant(_LIMIT)
-    found = regression.least_biased(lambda quadratic: quadratic.solve(significant))
-    scores = () if found is None else np.abs(found[1].z).tolist()
-    for k, score in zip(significant, scores, strict=False):
-        entry = candidates.by_name.get(regression.names[k])
-        if entry is not None and entry.term.elastic:
-            z[entry.pair] = max(score, z.get(entry.pair, 0.0))
-    node = {mass.name: number for number, mass in enumerate(candidates.masses)}
-    node |= {GROUND: len(node), BASE: len(node)}
-    distance, pairs = np.zeros((len(candidates.masses) + 1,) * 2), {}
-    for pair, score in z.items():
-        ends = tuple(sorted(node[end] for end in candidates.pairs[pair].between))
-        if distance[ends] == 0.0 or 1.0 / score < distance[ends]:
-            distance[ends], pairs[ends] = 1.0 / score, pair
-    tree = minimum_spanning_tree(distance).tocoo()
-    if tree.nnz < len(candidates.masses):
-        return frozenset()
-    beside = (pairs[int(first), int(second)] for first, second in zip(tree.row, tree.col, strict=True))
-    return candidates.stated_pairs.union(beside)

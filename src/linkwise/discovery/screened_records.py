@@ -1,7 +1,7 @@
 """What a search for a structure starts from: candidates that the records show, displacements, and a first subset.
 
 The subset is that of the weak screen, or of the Kalman filter beside hosts. Where displacements were integrated, it is the
-tree of links that the accelerations determine (`force_tree`), or that of the most significant links.
+tree of links that the accelerations determine (`force_tree`).
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 
 from linkwise.discovery.candidates import Candidates, CandidateTerm
 from linkwise.discovery.force_tree import tree_of_forces
-from linkwise.discovery.screen import Measured, screen, screen_links, skeleton
-from linkwise.discovery.term_parameters import MotionRange, first_values, motion_ranges
+from linkwise.discovery.screen import Measured, screen, screen_links
+from linkwise.discovery.term_parameters import first_values
 from linkwise.errors import IdentificationError
 from linkwise.progress import Progress
 from linkwise.records.record import Record, common_samples
@@ -58,7 +58,6 @@ class ScreenedRecords:
     """
 
     measured: Measured
-    ranges: Sequence[MotionRange]
     candidates: Candidates
     integrated: bool
     tested: frozenset[str]
@@ -73,16 +72,15 @@ class ScreenedRecords:
         """
         if candidates.hosts:
             first = screen_links(records[0], candidates)
-            return cls((), (), candidates, False, frozenset(candidates.by_name), first, ())
+            return cls((), candidates, False, frozenset(candidates.by_name), first, ())
         records = [common_samples(record) or record for record in records]
         try:
             return cls._of_masses(records, candidates, progress)
         except IdentificationError:
-            bridged = [short_gaps_bridged(record) for record in records]
-            if not any(bridged):
+            bridged = [short_gaps_bridged(record) or record for record in records]
+            if bridged == records:
                 raise
-        filled = [ours or given for ours, given in zip(bridged, records, strict=True)]
-        return cls._of_masses(filled, candidates, progress)
+        return cls._of_masses(bridged, candidates, progress)
 
     @classmethod
     def _of_masses(
@@ -94,8 +92,7 @@ class ScreenedRecords:
         displaced = [with_displacements(record, candidates.masses) for record in records]
         integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
         measured = [read_densely(record, candidates.full_structure) for record in displaced]
-        ranges = motion_ranges(measured, candidates)
-        candidates = first_values(candidates, ranges)
+        candidates = first_values(candidates, measured)
         inactive = _inactive_terms(measured, candidates)
         candidates = replace(candidates, inactive=frozenset(inactive))
         first, tested = screen(measured, candidates, progress)
@@ -103,8 +100,7 @@ class ScreenedRecords:
             {k for k, p in enumerate(candidates.pairs) if p.name in candidates.asked_for}
         )
         if integrated:
-            tree = tree_of_forces(records, candidates)
-            first = tree or candidates.on_pairs(skeleton(measured, candidates)) or first
+            first = tree_of_forces(records, candidates) or first
             # a constant force may only shift elongations that were not measured, so that the equations are singular
             first -= {entry.name for entry in candidates.entries if entry.term.is_constant}
         remarks = []
@@ -123,4 +119,4 @@ class ScreenedRecords:
         if len(whole.terms) > len(candidates.terms):  # whose signals the weak form does not take
             candidates = replace(candidates, terms=whole.terms)
             tested |= {entry.name for entry in candidates.entries if entry.term.law.signals}
-        return cls(measured, ranges, candidates, integrated, tested, first, tuple(remarks))
+        return cls(measured, candidates, integrated, tested, first, tuple(remarks))

@@ -367,15 +367,13 @@ def starts_of(
 
     A mass that would not be positive stays as in the `fit` that the model is of.
     """
-    values, z = quadratic.solve(chosen)
-    pairs = zip(values, np.abs(values / z), strict=True)
-    theta, spread = _started(structure, dict(zip((quadratic.names[k] for k in chosen), pairs, strict=True)))
     fitted = dict(zip(quadratic.names, fit.values, strict=False))  # its parameters come first
     masses = {f"{mass.name}.mass" for mass in structure.masses}
-    for number, parameter in enumerate(structure.parameters):
-        if parameter.name in masses and theta[number] <= 0.0:
-            theta[number] = fitted[parameter.name]
-    return theta, spread
+    known: dict[str, tuple[float, float]] = {}
+    for k, value, z in zip(chosen, *quadratic.solve(chosen), strict=True):
+        name = quadratic.names[k]
+        known[name] = fitted[name] if name in masses and value <= 0.0 else value, abs(value / z)
+    return _started(structure, known)
 
 
 def _started(structure: Structure, known: Mapping[str, tuple[float, float]]) -> tuple[Floats, Floats]:

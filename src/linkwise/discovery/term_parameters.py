@@ -8,7 +8,7 @@ one value after another.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,67 +27,55 @@ _PER_PERIOD = 8.0  # of the fastest motion: samples over which a rate is a diffe
 _ROUNDING = 1e-3  # of chi-square: by which one more unknown may seem to worsen it
 
 
-@dataclass(frozen=True)
-class MotionRange:
-    """The largest elongation in m and rate in m/s of a link."""
-
-    elongation: float
-    rate: float
-
-    def value(self, term: Term, parameter: str, attempt: int) -> float:
-        """A value of a parameter in this motion, another for each attempt; IdentificationError if it determines none.
-
-        A quantity with a unit of metres and seconds has a size in this motion, unless it did not move.
-        """
-        unit = term.parameter_units[parameter]
-        if not unit:
-            return _EXPONENTS[attempt]
-        try:
-            kilogram, metre, second, ampere = (float(exponent) for exponent in base_exponents(unit))
-        except LinkwiseError:  # no unit, but any
-            kilogram = np.nan
-        if kilogram or ampere or not min(self.elongation, self.rate) > 0.0:
-            raise IdentificationError(
-                f"the parameter {parameter!r} of the term {term.text!r} has the unit {unit}, whose size the motion does not "
-                "determine; write a number in its place"
-            )
-        scale = self.elongation**metre * (self.elongation / self.rate) ** second
-        return float(f"{_FRACTIONS[attempt] * scale:.3g}")  # of three digits, which laws and figures show
+def _largest_motion(measured: Measured, ends: Sequence[int]) -> tuple[float, float]:
+    """The largest elongation in m and rate in m/s between two ends, by differences over a fraction of the fastest period."""
+    elongations, rates = [], []
+    for record, motion in measured:
+        d = np.subtract(*motion.displacements[ends])
+        lag = max(1, min(int(record.rate / motion.bandwidth / _PER_PERIOD), len(d) // 2))
+        change = (d[lag:] - d[:-lag]) * (record.rate / lag)
+        elongations.append(float(np.percentile(np.abs(d - np.median(d)), _PEAK)))
+        rates.append(float(np.percentile(np.abs(change), _PEAK)))
+    return max(elongations), max(rates)
 
 
-def motion_ranges(measured: Measured, candidates: Candidates) -> list[MotionRange]:
-    """The largest elongations and rates of every pair, rates by differences over a fraction of the fastest period.
+def _value(term: Term, parameter: str, motion: tuple[float, float], attempt: int) -> float:
+    """A value of a parameter in a motion, another for each attempt; IdentificationError if it determines none.
 
-    None where no term has parameters.
+    A quantity with a unit of metres and seconds has a size in this motion, unless it did not move.
     """
-    ranges = []
-    for pair in range(len(candidates.pairs)) if any(term.parameters for term in candidates.terms) else ():
-        elongation = rate = 0.0
-        for record, motion in measured:
-            d = np.subtract(*motion.displacements[candidates.rows(pair)])
-            lag = max(1, min(int(record.rate / motion.bandwidth / _PER_PERIOD), len(d) // 2))
-            change = (d[lag:] - d[:-lag]) * (record.rate / lag)
-            elongation = max(elongation, float(np.percentile(np.abs(d - np.median(d)), _PEAK)))
-            rate = max(rate, float(np.percentile(np.abs(change), _PEAK)))
-        ranges.append(MotionRange(elongation, rate))
-    return ranges
+    unit, (elongation, rate) = term.parameter_units[parameter], motion
+    if not unit:
+        return _EXPONENTS[attempt]
+    try:
+        kilogram, metre, second, ampere = (float(exponent) for exponent in base_exponents(unit))
+    except LinkwiseError:  # no unit, but any
+        kilogram = np.nan
+    if kilogram or ampere or not min(motion) > 0.0:
+        raise IdentificationError(
+            f"the parameter {parameter!r} of the term {term.text!r} has the unit {unit}, whose size the motion does not "
+            "determine; write a number in its place"
+        )
+    scale = elongation**metre * (elongation / rate) ** second
+    return float(f"{_FRACTIONS[attempt] * scale:.3g}")  # of three digits, which laws and figures show
 
 
-def first_values(candidates: Candidates, ranges: Sequence[MotionRange], attempt: int = 0) -> Candidates:
+def first_values(candidates: Candidates, measured: Measured, attempt: int = 0) -> Candidates:
     """The candidates with a value for each parameter, from the motion of their links; each `attempt` gives others.
 
     Raises IdentificationError for a parameter whose size the motion does not determine.
     """
-    opened = [(entry, ranges[entry.pair]) for entry in candidates.entries if entry.offered.parameters]
-    values = {
-        entry.name: {name: motion.value(entry.offered, name, attempt) for name in entry.offered.parameters}
-        for entry, motion in opened
-    }
+    values = {}
+    for entry in candidates.entries:
+        if entry.offered.parameters:
+            motion = _largest_motion(measured, candidates.rows(entry.pair))
+            own = {name: _value(entry.offered, name, motion, attempt) for name in entry.offered.parameters}
+            values[entry.name] = own
     return replace(candidates, values=values)
 
 
 def select_with_parameters(
-    search: TermSearch, chosen: frozenset[str], ranges: Sequence[MotionRange]
+    search: TermSearch, chosen: frozenset[str], measured: Measured
 ) -> tuple[TermSearch, Selection]:
     """The subset that no candidate improves, with the values of parameters that the records prefer.
 
@@ -101,7 +89,7 @@ def select_with_parameters(
         if best[1].is_exact or best[1].interrupted:
             break
         try:
-            values = first_values(search.candidates, ranges, attempt)
+            values = first_values(search.candidates, measured, attempt)
             trial = _freed_at_once(replace(search, candidates=values), chosen)
         except IdentificationError:
             continue

@@ -43,7 +43,7 @@ from linkwise.likelihood.shooting.segments import (
 )
 from linkwise.likelihood.shooting.system import MANY, System
 from linkwise.likelihood.shooting.tangents import tangents
-from linkwise.likelihood.starts.states import segment_nodes, start_states
+from linkwise.likelihood.starts.states import start_states
 from linkwise.likelihood.terms import Block, Unknown, with_integrated
 from linkwise.model.coefficient import MASS
 from linkwise.model.link import Link
@@ -382,7 +382,8 @@ def shooting_problem(problem: Problem, theta: Floats, spread: Floats | None) -> 
         np.append(np.min([start.scale for start in starts], axis=0), deviations),
         np.concatenate([np.where(unit > 0.0, unit, 1.0), problem.units]),
     )
-    nodes = segment_nodes(starts, problem.samples)
+    every = slice(None, None, problem.samples)
+    nodes = np.hstack([np.vstack([start.x, start.v, start.memory])[:, every] for start in starts])
     added = sum(unknown.count for unknown in problem.unknowns if unknown.term.block <= Block.WAVEFORMS)
     point = Iterate(
         np.concatenate([nodes, np.zeros((len(places), nodes.shape[1]))]),

@@ -7,7 +7,7 @@ voltage gives the rate.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,8 +21,9 @@ from linkwise.likelihood.starts.drift import (
     masses_from_links,
     needs_integration,
 )
+from linkwise.likelihood.starts.kalman import LinearPart
 from linkwise.likelihood.starts.link_states import link_states, signals_of
-from linkwise.likelihood.starts.values import host_motion
+from linkwise.likelihood.starts.values import require_supported, smoothed_motion
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -159,7 +160,8 @@ def _states_with_hosts(record: Record, structure: Structure, sigma: dict[str, fl
 
     Where all laws are known these sink far below the noise, and equations as stiff as that lose the covariance to rounding.
     """
-    motion = host_motion(record, structure, sigma)
+    require_supported(record, structure)
+    motion = smoothed_motion(record, LinearPart.of(structure), sigma).with_drift_tracked(structure)
     memory, sizes = link_states(record, structure, sigma, motion.x, motion.v)
     size = np.sqrt(np.stack([np.mean(motion.x**2, axis=1), np.mean(motion.v**2, axis=1)]))
     noise = min(sigma[name] / np.sqrt(np.nanmean(record.channel(name) ** 2)) for name in record.responses)
@@ -205,26 +207,6 @@ def measured_motion(record: Record, structure: Structure, sigma: dict[str, float
         for order, (motion, kinds) in enumerate(((x, "xva"), (v, "vxa"))):
             motion[i] = next((by_kind[kind][order] for kind in kinds if kind in by_kind), 0.0)
     return x, v
-
-
-def segment_nodes(states: Sequence[StartStates], samples: int) -> Floats:
-    """States at the first sample of every segment, record after record.
-
-    Parameters
-    ----------
-    states : sequence of StartStates
-        The states of each record.
-    samples : int
-        Samples in a segment.
-
-    Returns
-    -------
-    array of shape (2n + S, K)
-        Displacements in m, velocities in m/s and states of links.
-    """
-    return np.concatenate(
-        [np.concatenate([start.x, start.v, start.memory])[:, ::samples] for start in states], axis=1
-    )
 
 
 def _rms(values: Floats) -> float:

@@ -273,7 +273,10 @@ def require_placed(record: Record, structure: Structure) -> None:
     rows += [
         structure.incidence[:, [number]].toarray().ravel()
         for number, link in enumerate(structure.links)
-        if GROUND in link.between and link.name not in structure.modes and _acts_by_place(link)
+        if GROUND in link.between
+        and link.name not in structure.modes
+        # that of a damper does not depend on the elongation
+        and (link.law.states or "d" in symbols(link.law.expression))
     ]
     placed = np.array(rows)[:, rigid] if rows else np.zeros((1, len(rigid)))
     if np.linalg.matrix_rank(placed) == len(rigid):
@@ -284,11 +287,6 @@ def require_placed(record: Record, structure: Structure) -> None:
         "displacement (x:HOST.POINT) for each, or state the frequency at which a suspension holds the structure, such as "
         "frequency = 0.5"
     )
-
-
-def _acts_by_place(link: Link) -> bool:
-    """Whether a force depends on the elongation; that of a damper does not."""
-    return bool(link.law.states) or "d" in symbols(link.law.expression)
 
 
 _FEWEST = 50  # samples that a smoother needs to forget its start
@@ -329,27 +327,6 @@ class HostMotion:
             v=self.v + self.coupling @ (v - self.signals.v),
             signals=replace(self.signals, d=d, v=v),
         )
-
-
-def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]) -> HostMotion:
-    """The motion of a structure with hosts and known laws, estimated from a record.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    structure : Structure
-        The structure, all coefficients numbers.
-    sigma : mapping of str to float
-        Standard deviations of the noise by channel, in SI units.
-
-    Returns
-    -------
-    HostMotion
-        The motion, with elongations that drift taken from the forces.
-    """
-    require_supported(record, structure)
-    return smoothed_motion(record, LinearPart.of(structure), sigma).with_drift_tracked(structure)
 
 
 def smoothed_motion(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> HostMotion:
