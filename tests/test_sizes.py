@@ -8,29 +8,29 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34734  # lines of all files of tests
+TESTS = 34892  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (11, 2018),
     "analysis": (4, 482),
     "cli": (20, 1839),
-    "discovery": (19, 3421),
-    "estimates": (8, 1463),
-    "export": (8, 710),
+    "discovery": (19, 3296),
+    "estimates": (8, 1460),
+    "export": (8, 702),
     "expression": (6, 1045),
     "files": (14, 1932),
-    "identification": (12, 2376),
+    "identification": (12, 2354),
     "inspection": (9, 1846),
-    "likelihood": (64, 13592),
+    "likelihood": (64, 13588),
     "modal": (5, 840),
     "model": (16, 2962),
     "paper": (3, 358),
-    "plot": (12, 1793),
+    "plot": (12, 1791),
     "records": (9, 1445),
-    "report": (12, 1030),
+    "report": (12, 1029),
     "response": (13, 1811),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (12, 968),
+    "root": (12, 974),
     "signals": (6, 834),
     "simulation": (9, 1587),
     "sindy": (8, 1008),

@@ -16,7 +16,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import RecordError, SimulationError, expect
 from linkwise.likelihood.shooting.flow import POINTS
-from linkwise.likelihood.shooting.residuals import Gaussian, Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Gaussian, Misfit, Orbit, evaluate
 from linkwise.likelihood.shooting.segmentation import inputs_along, sensor_arrays
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
@@ -301,7 +301,7 @@ class WindowPredictor:
                 break
             run = replace(
                 run,
-                trajectories=run.trajectories.replaced(changed.trajectories, better),
+                orbit=Orbit(partial(run.trajectories.replaced, changed.trajectories, better)),
                 residuals=np.where(better, changed.residuals, run.residuals),
             )
             cost = np.where(better, new_cost, cost)

@@ -444,7 +444,9 @@ def _predicted_on_rig(
     )
     levels: dict[str, float] = {
         cell.channel: float(
-            np.hypot(fit.problem.noise[cell.channel], np.sqrt(np.mean(deviations[np.isfinite(cell.measured)] ** 2)))
+            np.hypot(
+                fit.problem.noise[cell.channel], np.sqrt(np.mean(deviations[np.isfinite(cell.measured)] ** 2))
+            )
         )
         for cell, deviations in zip(cells, moved, strict=True)
     }
