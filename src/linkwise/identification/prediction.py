@@ -301,7 +301,7 @@ class WindowPredictor:
                 break
             run = replace(
                 run,
-                orbit=Orbit(partial(run.trajectories.replaced, changed.trajectories, better)),
+                orbit=Orbit.of(run.trajectories.replaced(changed.trajectories, better)),
                 residuals=np.where(better, changed.residuals, run.residuals),
             )
             cost = np.where(better, new_cost, cost)

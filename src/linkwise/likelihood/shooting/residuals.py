@@ -259,6 +259,15 @@ class Orbit:
         if "trajectories" in vars(self) and self.trajectories.links.size > _SMALL:
             del self.trajectories
 
+    def __reduce__(self) -> tuple[Callable[[Trajectories], Orbit], tuple[Trajectories]]:
+        """Pickled with the motion: what finds it may be local to a function."""
+        return Orbit.of, (self.trajectories,)
+
+    @classmethod
+    def of(cls, trajectories: Trajectories) -> Orbit:
+        """The orbit of trajectories that are known."""
+        return cls(lambda: trajectories)
+
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
