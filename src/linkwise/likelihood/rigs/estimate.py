@@ -85,6 +85,7 @@ class RigFit:
 
     @property
     def _pairs(self) -> Iterator[tuple[Cell, LinkPath]]:
+        """Each load cell with the link that it shows, along the motion of its record."""
         return zip(self.problem.cells, self.paths, strict=True)
 
     @cached_property
@@ -125,6 +126,7 @@ class RigFit:
 
     @cached_property
     def _freedom(self) -> int:
+        """Samples, less unknowns."""
         return max(int(np.count_nonzero(self.residuals)) - self.problem.size, 1)
 
     @property
