@@ -166,8 +166,9 @@ class TangentForces:
                 moved += [(np.full(len(at_point), mode), at_point, shape[mode]) for mode in modes]
             for moving, which, weight in moved:
                 factor = ((sign * weight / masses[moving])[:, None] * self.step**2).astype(np.float32)
-                change = (candidates.along[:, which] * factor).astype(np.float32, copy=False)
-                self.on_masses.append((moving, first + which, change))
+                change = candidates.along[:, which]
+                change *= factor
+                self.on_masses.append((moving, first + which, change.astype(np.float32, copy=False)))
 
     def _add_shapes(
         self, shapes: ShapeParameters, orbit: Trajectories, inputs: Inputs, units: Floats
