@@ -50,7 +50,7 @@ from linkwise.likelihood.shooting.tangents import (
     whitened_jacobian,
 )
 
-_WIDE = 200  # numbers in the right-hand sides of a node, from which products of blocks are faster than a band
+_WIDE = 300  # numbers in the right-hand sides of a node, from which products of blocks are faster than a band
 
 
 Damping: TypeAlias = tuple[Floats, Floats]
