@@ -50,7 +50,7 @@ from linkwise.likelihood.shooting.tangents import (
     whitened_jacobian,
 )
 
-_WIDE = 200  # numbers in the right-hand sides of a node, from which products of blocks are faster than a band
+_WIDE = 300  # numbers in the right-hand sides of a node, from which products of blocks are faster than a band
 
 
 Damping: TypeAlias = tuple[Floats, Floats]
@@ -531,9 +531,9 @@ def linearise(
             count, width = last - first, rows.shape[2] - m
             beside, squares = np.zeros((count, width)), np.zeros((count, count))
             for channel, numbers, columns in errors_by_channel(misfit, part, errors):
-                product = columns.transpose(0, 2, 1) @ shown[:, :, channel]
-                right[..., first + numbers] = product[..., :m].transpose(0, 2, 1)
-                beside[numbers] = product[..., m:].sum(axis=0, dtype=float)
+                by_channel = shown[:, :, channel]
+                right[..., first + numbers] = by_channel[..., :m].transpose(0, 2, 1) @ columns
+                beside[numbers] = summed(columns, by_channel[..., m:])
                 squares[numbers[:, None], numbers] = summed(columns, columns)
             block, at = slice(0, 1), slice(first, last)
             sums.append((model.of_data.matrices, (block, at, own), beside[:, :-1]))

@@ -17,6 +17,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import blas
 from scipy.sparse import csr_array
 
 from linkwise.arrays import Floats, Indices
@@ -165,8 +166,9 @@ class TangentForces:
                 moved += [(np.full(len(at_point), mode), at_point, shape[mode]) for mode in modes]
             for moving, which, weight in moved:
                 factor = ((sign * weight / masses[moving])[:, None] * self.step**2).astype(np.float32)
-                change = (candidates.along[:, which] * factor).astype(np.float32, copy=False)
-                self.on_masses.append((moving, first + which, change))
+                change = candidates.along[:, which]
+                change *= factor
+                self.on_masses.append((moving, first + which, change.astype(np.float32, copy=False)))
 
     def _add_shapes(
         self, shapes: ShapeParameters, orbit: Trajectories, inputs: Inputs, units: Floats
@@ -333,7 +335,8 @@ def march(forces: TangentForces, scale: Floats) -> Iterator[TangentStep]:
     L, (S, P, K) = into_links.shape[0], inner.shape
     stack, working = (np.empty((count, L, P, K), np.float32) for count in (4, 3))
     pull, motion = working[0], working[1:]
-    accelerations, moved = np.empty((3, *state.shape[1:]), np.float32), np.empty_like(state)
+    accelerations = np.empty((3, *state.shape[1:]), np.float32)
+    itself, by_stage = state.reshape(2, -1).T, accelerations.reshape(3, -1).T  # as BLAS adds to them in place
     rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
     for start in range(0, 2 * forces.steps, 2):
         product(into_links, state, stack[:2])
@@ -360,8 +363,7 @@ def march(forces: TangentForces, scale: Floats) -> Iterator[TangentStep]:
         product(gain, pull, accelerations[2])
         forces.inertia(start + 2, accelerations[2])
         state[0] += state[1]
-        combine(TANGENT_CLOSING, accelerations, moved)
-        state += moved
+        blas.sgemm(1.0, by_stage, TANGENT_CLOSING.T, 1.0, itself, overwrite_c=1)
     yield TangentStep(state, inner, None, None)
 
 
