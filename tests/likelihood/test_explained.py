@@ -264,9 +264,9 @@ def test_a_search_that_fails_at_looser_links_leaves_the_answer_of_tighter_ones(
         return fit if converges else replace(fit, status=AnnealingStatus.EXHAUSTED)
 
     monkeypatch.setattr(Annealer, "__call__", failing)
-    monkeypatch.setattr("linkwise.likelihood.search.with_noise_from_misfit", lambda *_: None)
     fit = lw.identify(record, asked, as_stated=True)
-    assert fit.grade is lw.Grade.APPROXIMATE
+    # exact laws beside noise as large as their misfit would be another optimum
+    assert fit.grade is lw.Grade.APPROXIMATE and fit.fit_verdicts[0] is not lw.Verdict.NOISE_MISMATCH
     low, high = present(fit.coefficient("spring1.k").interval)
     assert 3e4 < low < high < 5e4  # the cubic spring stiffens it
 

@@ -98,7 +98,7 @@ _HIDDEN = ("delay", CLOCK, HIGH_PASS, HARMONIC, HUM)  # by noise of inputs, whic
 _OF_STIFFNESS = 0.0, -2.0  # the powers of the length and of the time in N/m at a known mass
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
 # of processor time for all that is tried, or this many times what the answer as stated took: what explains a record took 20 s
-_SECONDS, _TIMES = 120.0, 3.0
+_SECONDS, _TIMES = 200.0, 3.0
 
 _FEW = 4  # masses, beside forces on which all terms are tested in some seconds
 _SATURATES = (0.03, 0.3)  # of the deviation of a motion: friction, and springs that yield
