@@ -346,36 +346,6 @@ _SCHEDULE = AnnealingSchedule(initial_q=10.0, final_q=0.1, max_steps=30)
 _UNRELATED = (
     2.0  # times the power of the samples: residuals of a motion as large that has nothing to do with them
 )
-_OPPOSITE = 4.0  # times the power of the samples: residuals of a motion as large, in opposite phase
-_MANY = 0.2  # share of the segments from which the flow runs away although laws and units are right
-_HALVINGS = 20  # of states from which the flow runs away
-
-
-def within_reach(misfit: Misfit) -> Misfit:
-    """Reduce the states from which the flow runs away, until it does not.
-
-    Where it runs away from many, laws or units are wrong, and nothing is changed.
-
-    Parameters
-    ----------
-    misfit : Misfit
-        That at some states and parameters.
-
-    Returns
-    -------
-    Misfit
-        That at the same parameters, with states halved until the flow from them stays near the samples.
-    """
-    wild = _runs_away(misfit)
-    if np.mean(wild) > _MANY:
-        return misfit
-    for _ in range(_HALVINGS):
-        if not wild.any():
-            break
-        calmer = replace(misfit.point, nodes=np.where(wild, 0.5, 1.0) * misfit.point.nodes)
-        misfit = misfit.at(calmer)
-        wild = _runs_away(misfit)
-    return misfit
 
 
 def states_by_held_laws(start: Misfit, annealer: Annealer) -> Misfit:
@@ -401,24 +371,6 @@ def states_by_held_laws(start: Misfit, annealer: Annealer) -> Misfit:
     held = replace(start, segments=replace(segments, system=fixed_system))
     fit = annealer(held, _SCHEDULE)
     return start.at(replace(start.point, nodes=fit.point.nodes))
-
-
-def _runs_away(misfit: Misfit) -> Bools:
-    """(K,) segments whose flow is farther from the samples than any motion of their size could be, or not finite.
-
-    The flow behind the last sample of a segment is judged by where it ends, against the largest states of the record.
-    """
-    segments, scales = misfit.segments, misfit.scales
-    largest = np.sum((segments.samples / segments.deviations(scales)) ** 2 + segments.observed, axis=(0, 1))
-    with np.errstate(over="ignore", invalid="ignore"):
-        residuals = np.sum(misfit.residuals**2, axis=(0, 1))
-        ends = np.sum(misfit.defects**2, axis=0)
-    finite = np.isfinite(misfit.trajectories.states).all(axis=(0, 1, 2))
-    finite &= np.isfinite(misfit.trajectories.memory).all(axis=(0, 1))
-    states = misfit.point.nodes / scales.state.reshape(-1, *[1] * (misfit.point.nodes.ndim - 1))
-    near = residuals <= _OPPOSITE * largest
-    near[:-1] &= ends <= _OPPOSITE * np.sum(np.max(states**2, axis=-1))
-    return np.asarray(~(finite & near))
 
 
 _WHITE = 0.1  # autocorrelation of the residuals beyond which they are not noise of another size
@@ -634,7 +586,6 @@ def searched(
         start = replace(problem.start, nodes=np.concatenate([options.nodes, beside]))
     misfit, schedule = evaluate(segments, start, problem.scales, options.loss), _WARM
     if options.nodes is None:
-        misfit = within_reach(misfit)
         fit = _of_long_record(problem, misfit, options, annealer)
         if fit is not None:
             return misfit.point, fit
