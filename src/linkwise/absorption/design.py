@@ -393,9 +393,9 @@ class _Problem:
         worst = np.max(excesses, axis=(0, 2))
         if ADDED_MASS in limits:
             worst = np.maximum(worst, masses / limits[ADDED_MASS] - 1.0)
-        return np.column_stack([self._counted(np.array(losses)), worst, masses, diverged, closure])
+        return np.column_stack([self._counted_loss(np.array(losses)), worst, masses, diverged, closure])
 
-    def _counted(self, losses: Floats) -> Floats:
+    def _counted_loss(self, losses: Floats) -> Floats:
         """(E,) the loss that counts, of those (levels, E, draws)."""
         if self.options.quantile is None:
             over_draws = losses.mean(axis=2)
@@ -475,7 +475,7 @@ def design(
     expect("design(structure, over): over", over, Mapping)
     options = options or DesignOptions()
     given = AskedStructure.of(structure)
-    subject, drawn = given.structure, _drawn(given.posterior, options, over)
+    subject, drawn = given.structure, _drawn_beside(given.posterior, options, over)
     simulated = options_given(AbsorptionOptions.of, None, keywords)
     asked = _Question(drawn, over, minimise, options, simulated)
     at_places = list(placed(subject, options.places or {}))
@@ -484,7 +484,7 @@ def design(
         for number, (_, moved) in enumerate(at_places):
             journal_file = None if journal is None else Path(f"{journal}{number or ''}")
             share = part(progress, number / len(at_places), (number + 1) / len(at_places))
-            designs.append(_searched(moved, asked, journal_file, pool, share))
+            designs.append(_best_design(moved, asked, journal_file, pool, share))
     sign = -1.0 if options.maximise else 1.0
     best = min((own for own in designs if own), key=lambda own: sign * own.objective, default=None)
     if best is None:
@@ -511,17 +511,17 @@ class _Question(NamedTuple):
     simulated: AbsorptionOptions
 
 
-def _searched(
+def _best_design(
     subject: Structure, asked: _Question, journal: Path | None, pool: Executor | None, progress: Progress
 ) -> Design | None:
     """The best design of one structure; None where none keeps the limits and has a value."""
     drawn, over, _, options, _ = asked
-    problem, comparison = _problem(subject, asked)
+    problem, comparison = _design_problem(subject, asked)
     budget = options.evaluations or _PER_PARAMETER * len(problem.axes)
     regardless = asked._replace(options=replace(options, evaluations=None, workers=None))
     before = Journal(journal, (subject, *regardless))
     progress(ProgressReport(0.0, f"{budget} designs"))
-    start = _given(subject, problem.axes)
+    start = _way_as_given(subject, problem.axes)
     within = part(progress, 0.0, 0.95)
     search = Search(replace(problem, pool=pool), budget, options.seed, before, within)
     if start is not None:
@@ -554,7 +554,7 @@ def _searched(
     )
 
 
-def _drawn(
+def _drawn_beside(
     posterior: Posterior | None, options: DesignOptions, over: Mapping[str, Any]
 ) -> tuple[Mapping[str, float], ...]:
     """The coefficients beside the varied ones that draws have; a single empty set where there are none."""
@@ -565,7 +565,7 @@ def _drawn(
     return tuple({name: draw[name] for name in draw if name not in over} for draw in draws)
 
 
-def _problem(structure: Structure, asked: _Question) -> tuple[_Problem, Comparison]:
+def _design_problem(structure: Structure, asked: _Question) -> tuple[_Problem, Comparison]:
     """The problem, and the comparison in the middle of the bounds under the excitation as given."""
     drawn, over, minimise, options, simulated = asked
     equipped = with_harvesters(structure, simulated.harvesters or {})
@@ -574,7 +574,7 @@ def _problem(structure: Structure, asked: _Question) -> tuple[_Problem, Comparis
         if simulated.excitation.is_empty:
             swept, duration = sweep(options.harmonic, simulated.duration)
             simulated = replace(simulated, excitation=swept, duration=duration)
-    axes = tuple(_axis(equipped, name, bounds) for name, bounds in over.items())
+    axes = tuple(_design_axis(equipped, name, bounds) for name, bounds in over.items())
     if not axes:
         raise StructureError("nothing is varied: name at least one coefficient or mass with its bounds")
     middle = {axis.name: float(values_at(axis, np.array(0.5))) for axis in axes}
@@ -610,7 +610,7 @@ def _problem(structure: Structure, asked: _Question) -> tuple[_Problem, Comparis
     return problem, comparison
 
 
-def _axis(structure: Structure, name: str, bounds: tuple[float, float]) -> DesignAxis:
+def _design_axis(structure: Structure, name: str, bounds: tuple[float, float]) -> DesignAxis:
     if ":" in name:
         message = "a design varies coefficients and masses; a release belongs to the excitation"
         raise StructureError(message, name)
@@ -622,7 +622,7 @@ def _axis(structure: Structure, name: str, bounds: tuple[float, float]) -> Desig
     return DesignAxis(name, unit, low, high)
 
 
-def _given(structure: Structure, axes: Sequence[DesignAxis]) -> Floats | None:
+def _way_as_given(structure: Structure, axes: Sequence[DesignAxis]) -> Floats | None:
     """The structure as it is in the unit cube of parameters; None if it is not in there."""
     values = [structure.coefficient(axis.name).value for axis in axes]
     ways = [-1.0 if value is None else way_to(axis, value) for value, axis in zip(values, axes, strict=True)]

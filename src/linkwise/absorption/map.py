@@ -219,10 +219,10 @@ class AbsorptionMap(JudgedView):
             "findings": list(self.findings),
             **self._judgement(),
             "axes": [asdict(axis) | {"values": axis.values.tolist()} for axis in self.axes],
-            "quantities": {quantity.name: self._quantity_dict(quantity) for quantity in self.quantities},
+            "quantities": {quantity.name: self._quantity_document(quantity) for quantity in self.quantities},
         }
 
-    def _quantity_dict(self, quantity: AbsorptionQuantity) -> dict[str, Any]:
+    def _quantity_document(self, quantity: AbsorptionQuantity) -> dict[str, Any]:
         least, largest, missing = self.extremes(quantity.name)
         return {
             "title": quantity.title,
@@ -300,7 +300,7 @@ def absorption_map(
     expect("absorption_map(structure, over): over", over, Mapping)
     chosen = options_given(AbsorptionOptions.of, options, keywords)
     equipped = with_harvesters(structure, chosen.harvesters or {})
-    axes = _axes(equipped, over)
+    axes = _swept_axes(equipped, over)
     _require_memory(axes, structure.size)
     points = list(product(*(axis.values.tolist() for axis in axes)))
     names = [axis.name for axis in axes]
@@ -337,7 +337,7 @@ def _horizon(comparison: Comparison) -> float | None:
         return None
 
 
-def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[SweepAxis, ...]:
+def _swept_axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[SweepAxis, ...]:
     if not 1 <= len(over) <= 2:
         raise StructureError(f"a sweep takes one or two parameters, got {len(over)}")
     axes = []

@@ -344,7 +344,7 @@ class Absorption(JudgedView):
             "energy": {key: energy_document(getattr(self, key)) for key in ("with_sinks", "without")},
             "sinks_share": self.sinks_share,
             "horizon": self.with_sinks.horizon,
-            "masses": {mass.name: self._mass(mass) for mass in self.masses},
+            "masses": {mass.name: self._mass_document(mass) for mass in self.masses},
             "sinks": {result.sink.link: sink_document(result) for result in self.sinks},
             "harvesters": {document.pop("link"): document for document in map(asdict, self.harvests)},
             "findings": list(self.findings),
@@ -352,7 +352,7 @@ class Absorption(JudgedView):
         }
 
     @staticmethod
-    def _mass(mass: MassChange) -> dict[str, Any]:
+    def _mass_document(mass: MassChange) -> dict[str, Any]:
         """A mass as plain data."""
         own = {key: value for key, value in asdict(mass).items() if key != "name"}
         return {**own, "peak_reduction": mass.peak_reduction, "rms_reduction": mass.rms_reduction}

@@ -99,13 +99,13 @@ def inspect(source: RecordsOptions, delivery: Delivery) -> None:
         if source.levels:
             compared = lw.inspection.compare_levels(records, modes=source.modes, progress=step)
             inspection = replace(inspection, levels=compared)
-    inspection = replace(inspection, alerts=tuple(map(_with_flags, inspection.alerts)))
+    inspection = replace(inspection, alerts=tuple(map(_alert_with_flags, inspection.alerts)))
     if not delivery.as_json:
         note(*dict.fromkeys(remark for record in records for remark in record.notes))
     delivery.of(inspection)
 
 
-def _with_flags(alert: lw.inspection.Alert) -> lw.inspection.Alert:
+def _alert_with_flags(alert: lw.inspection.Alert) -> lw.inspection.Alert:
     """The alert, with the flags that mend it."""
     flags = [MENDED_BY[name] for name in alert.arguments if name in MENDED_BY]
     flags = [flag.replace("CHANNEL", alert.channel) for flag in flags]

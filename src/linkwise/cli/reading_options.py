@@ -108,7 +108,7 @@ class ReadingOptions:
         """
         whole = self.record_mapping()
         late = {name: one.delay.value for name, one in whole.sensors.items() if one.delay is not None}
-        mappings = self._by_file(whole)
+        mappings = self._mappings_by_file(whole)
         times = {key: column for key, column in mappings[None].channels.items() if channel_of(key) == "time"}
 
         def read(file: Path | None, mapping: lw.files.RecordMapping) -> lw.Record:
@@ -213,7 +213,7 @@ class ReadingOptions:
                 raise UsageError(f"--sensor {channel}:{kind}: the {kind} of {channel} is given twice.")
         return tuple(errors)
 
-    def _by_file(self, whole: lw.files.RecordMapping) -> dict[Path | None, lw.files.RecordMapping]:
+    def _mappings_by_file(self, whole: lw.files.RecordMapping) -> dict[Path | None, lw.files.RecordMapping]:
         """The mapping of the record's own file, and of each that was started with it; delays are taken out later."""
         elsewhere: dict[Path, dict[str, str | int]] = {}
         for name, (file, column) in self._columns().items():

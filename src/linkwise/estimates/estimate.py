@@ -245,7 +245,7 @@ class Estimate(JudgedView):
         if not (self.intervals and admit_intervals(self.fit_verdicts)):
             return {}
         powers = {}
-        for index, link in self._judged:
+        for index, link in self._links_judged:
             free, covariance = self._free_coefficients(index)
             if free and link.law.is_plain:
                 d, v = self.motion.d[:, index], self.motion.v[:, index]
@@ -302,10 +302,10 @@ class Estimate(JudgedView):
 
     @cached_property
     def _every_link(self) -> tuple[LinkEstimate, ...]:
-        return tuple(self._link(index) for index in range(len(self.structure.links)))
+        return tuple(self._link_estimate(index) for index in range(len(self.structure.links)))
 
     @property
-    def _judged(self) -> list[tuple[int, Link]]:
+    def _links_judged(self) -> list[tuple[int, Link]]:
         """Numbered links, without dampers between modes, which dissipate only together with those of the modes."""
         return [(n, link) for n, link in enumerate(self.structure.links) if not is_between_modes(link.name)]
 
@@ -313,7 +313,7 @@ class Estimate(JudgedView):
     def masses(self) -> tuple[CoefficientEstimate, ...]:
         """Estimates of all masses, with names such as "m1.mass"."""
         return tuple(
-            self._coefficient(Name(mass.name, MASS), -1 - n, mass.mass_unit, mass.mass.value or 0.0)
+            self._coefficient_estimate(Name(mass.name, MASS), -1 - n, mass.mass_unit, mass.mass.value or 0.0)
             for n, mass in enumerate(self.structure.masses)
             if mass.name not in self.structure.modes
         )
@@ -323,13 +323,13 @@ class Estimate(JudgedView):
         """Estimates of the shapes of hosts that were not known exactly, with names such as "wing.mode1.shape.tip"."""
         value = self.structure.coefficient
         given = ((p, value(p.name).value or 0.0) for p in self.parameters if p.name.is_shape)
-        return tuple(self._coefficient(p.name, p.members[0][0], p.unit, shape) for p, shape in given)
+        return tuple(self._coefficient_estimate(p.name, p.members[0][0], p.unit, shape) for p, shape in given)
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
         """Sentences on what is wrong with the records or cannot be determined; empty where there is nothing to say."""
         bounds = bound_findings(self.parameters, self.free, self.given_structure)
-        judged = [(number, self._every_link[number]) for number, _ in self._judged]
+        judged = [(number, self._every_link[number]) for number, _ in self._links_judged]
         of_links = (
             one for _, link in judged for one in link_findings(link, self.supplies.get(link.link.name))
         )
@@ -560,7 +560,7 @@ class Estimate(JudgedView):
     def _parameter_index(self) -> dict[tuple[int, str], int]:
         return {member: number for number, one in enumerate(self.parameters) for member in one.members}
 
-    def _coefficient(self, name: Name, index: int, unit: str, value: float) -> CoefficientEstimate:
+    def _coefficient_estimate(self, name: Name, index: int, unit: str, value: float) -> CoefficientEstimate:
         number = self._parameter_index.get((index, name.key))
         if number is None:
             return CoefficientEstimate(name, value, unit, known=True)
@@ -572,7 +572,7 @@ class Estimate(JudgedView):
         interval = (value - half, value + half) if self.intervals else None
         return CoefficientEstimate(name, value, unit, False, error, interval)
 
-    def _link(self, index: int) -> LinkEstimate:
+    def _link_estimate(self, index: int) -> LinkEstimate:
         link = self.structure.links[index]
         free, covariance = self._free_coefficients(index)
         has_intervals = not self.without_intervals and link.name not in self.links_in_doubt
@@ -580,7 +580,7 @@ class Estimate(JudgedView):
         return LinkEstimate(
             link=link,
             coefficients=tuple(
-                self._coefficient(Name(link.name, key), index, units[key], values[key])
+                self._coefficient_estimate(Name(link.name, key), index, units[key], values[key])
                 for key in link.coefficients
             ),
             d_range=(float(self.motion.d_range[index, 0]), float(self.motion.d_range[index, 1])),

@@ -23,22 +23,6 @@ _ROUNDING = 1e-12  # of the largest power
 _OF_THE_TIME = 0.01
 
 
-def _active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[CoefficientEstimate]:
-    """Coefficients that are negative by more than their interval and whose force alone would then supply energy at all
-    times, at elongations `d` in m and rates `v` in m/s (R,). Such are those of dampers and friction: a positive one
-    opposes the motion everywhere.
-    """
-    law, values = link.link.law, {**link.link.values, **link.link.zero_states}
-    moving, resting = (law.partials(d, rate, values).by_coefficient for rate in (v, np.zeros_like(v)))
-    for coefficient in link.coefficients:
-        name = coefficient.name.key
-        if coefficient.interval is None or coefficient.interval[1] >= 0.0 or name in law.nonlinear:
-            continue
-        power = np.nan_to_num((moving[name] - resting[name]) * v)
-        if np.all(power >= -_ROUNDING * np.max(np.abs(power))) and power.any():
-            yield coefficient
-
-
 def supplied_power(link: Link, free: Sequence[str], covariance: Floats, d: Floats, v: Floats) -> float | None:
     """Mean power in W that a link supplies to the motion `d` in m and `v` in m/s (R,); None unless it is above three
     standard errors, by the `covariance` (q, q) of its `free` coefficients.
@@ -106,6 +90,22 @@ def energy_findings(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
         yield f"{coefficient.name} is negative, {coefficient.value:.3g} {coefficient.unit}: {feeds}"
     if not negative and link.link.law.is_plain:
         yield feeds
+
+
+def _active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[CoefficientEstimate]:
+    """Coefficients that are negative by more than their interval and whose force alone would then supply energy at all
+    times, at elongations `d` in m and rates `v` in m/s (R,). Such are those of dampers and friction: a positive one
+    opposes the motion everywhere.
+    """
+    law, values = link.link.law, {**link.link.values, **link.link.zero_states}
+    moving, resting = (law.partials(d, rate, values).by_coefficient for rate in (v, np.zeros_like(v)))
+    for coefficient in link.coefficients:
+        name = coefficient.name.key
+        if coefficient.interval is None or coefficient.interval[1] >= 0.0 or name in law.nonlinear:
+            continue
+        power = np.nan_to_num((moving[name] - resting[name]) * v)
+        if np.all(power >= -_ROUNDING * np.max(np.abs(power))) and power.any():
+            yield coefficient
 
 
 def _extrapolated(link: LinkEstimate) -> Iterator[str]:

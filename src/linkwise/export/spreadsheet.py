@@ -20,6 +20,32 @@ from linkwise.model.parameters import SHAPE_UNITS
 _HEADER = ("of", "coefficient", "value", "unit", "standard error", "lower", "upper", "law")
 
 
+def write_csv(answer: ExportedAnswer, path: Path, name: str) -> None:
+    """Write the coefficients as CSV; `name` is not needed in it."""
+    to_csv(path, _table(answer), encoding="utf-8-sig")
+
+
+def write_xlsx(answer: ExportedAnswer, path: Path, name: str) -> None:
+    """Write the coefficients and their covariance as two sheets; `name` is not needed in it.
+
+    Raises OutputError where openpyxl is not installed.
+    """
+    if find_spec("openpyxl") is None:
+        raise OutputError(
+            f"{name}.xlsx: Excel files need the library openpyxl, which the extra 'files' installs: "
+            "pip install 'linkwise[files]'; or export a .csv file"
+        )
+    book = import_module("openpyxl").Workbook()
+    _fill(book.active, "coefficients", _table(answer))
+    covariance = [[name, *row] for name, row in zip(answer.names, answer.covariance.tolist(), strict=True)]
+    _fill(book.create_sheet(), "covariance", [["", *answer.names], *covariance])
+    content = BytesIO()
+    # closed: one that was not written whole complains when forgotten
+    with ZipFile(content, "w", ZIP_DEFLATED) as archive:
+        import_module("openpyxl.writer.excel").ExcelWriter(book, archive).save()
+    path.write_bytes(content.getvalue())
+
+
 def _rows(answer: ExportedAnswer) -> list[list[Any]]:
     """A row for each mass and coefficient: its interval of 95 %, and the law of its link; None where there is nothing.
 
@@ -47,32 +73,6 @@ def _table(answer: ExportedAnswer) -> list[list[Any]]:
     if remark := answer.basis.remark:
         table = [[*row, remark if number else "note"] for number, row in enumerate(table)]
     return [[on_one_line(cell) if isinstance(cell, str) else cell for cell in row] for row in table]
-
-
-def write_csv(answer: ExportedAnswer, path: Path, name: str) -> None:
-    """Write the coefficients as CSV; `name` is not needed in it."""
-    to_csv(path, _table(answer), encoding="utf-8-sig")
-
-
-def write_xlsx(answer: ExportedAnswer, path: Path, name: str) -> None:
-    """Write the coefficients and their covariance as two sheets; `name` is not needed in it.
-
-    Raises OutputError where openpyxl is not installed.
-    """
-    if find_spec("openpyxl") is None:
-        raise OutputError(
-            f"{name}.xlsx: Excel files need the library openpyxl, which the extra 'files' installs: "
-            "pip install 'linkwise[files]'; or export a .csv file"
-        )
-    book = import_module("openpyxl").Workbook()
-    _fill(book.active, "coefficients", _table(answer))
-    covariance = [[name, *row] for name, row in zip(answer.names, answer.covariance.tolist(), strict=True)]
-    _fill(book.create_sheet(), "covariance", [["", *answer.names], *covariance])
-    content = BytesIO()
-    # closed: one that was not written whole complains when forgotten
-    with ZipFile(content, "w", ZIP_DEFLATED) as archive:
-        import_module("openpyxl.writer.excel").ExcelWriter(book, archive).save()
-    path.write_bytes(content.getvalue())
 
 
 def _fill(sheet: Any, title: str, rows: list[list[Any]]) -> None:

@@ -194,7 +194,7 @@ def table_of(
     `rate` in Hz is what the file states besides, `notes` is what was assumed so far, and `named_header` the header line as of
     `files.read_record`.
     """
-    header, first = _header(lines) if named_header is None else _named(lines, named_header, path)
+    header, first = _header(lines) if named_header is None else _header_line(lines, named_header, path)
     below = [i for i in range(first, len(lines)) if not _is_blank_or_comment(lines[i])]
     data_lines = np.array(below, dtype=np.int64)
     if not len(data_lines):
@@ -208,7 +208,7 @@ def table_of(
     if header is not None and not headers[-1] and len(dialect.split(body[0])) == len(headers) - 1:
         headers.pop()  # a trailing delimiter in the header only
     data_lines += lines_before
-    units = None if header is None else _units(dialect.split(body[0]), headers)
+    units = None if header is None else _unit_row(dialect.split(body[0]), headers)
     if units is not None and len(body) > 1:
         headers, body, data_lines = units, body[1:], data_lines[1:]
     columns = columns_of(body, data_lines + 1, headers, dialect, str(path))
@@ -243,7 +243,7 @@ def _bracketed(header: str) -> str:
     )
 
 
-def _units(cells: list[str], headers: list[str]) -> list[str] | None:
+def _unit_row(cells: list[str], headers: list[str]) -> list[str] | None:
     """The headers with the units that a line of `cells` below them states; None where it states none."""
     numbers = any(parse_number(cell) is not None for cell in cells if cell)
     if numbers or len(cells) != len(headers) or not any(cells):
@@ -280,7 +280,7 @@ def _header(lines: list[str]) -> tuple[int | None, int]:
     named: int | None = None
     texts: list[int] = []
     for i, line in enumerate(lines[:_PREAMBLE]):
-        cells = _cells(line)
+        cells = _cells_of_line(line)
         if not any(cells):
             continue
         comment = line.lstrip().startswith(_COMMENTS)
@@ -295,7 +295,7 @@ def _header(lines: list[str]) -> tuple[int | None, int]:
     return header, header + 1
 
 
-def _cells(line: str) -> list[str]:
+def _cells_of_line(line: str) -> list[str]:
     """The cells of a line by its own delimiter; none of a line that states the delimiter."""
     text = _uncommented(line)
     return [] if text.lower().startswith("sep=") else Dialect.of(text, [text]).split(text)
@@ -304,13 +304,13 @@ def _cells(line: str) -> list[str]:
 def _above_units(lines: list[str], texts: list[int]) -> int | None:
     """The last line of text; the one above it where the last states the units of its columns."""
     if len(texts) > 1:
-        above, below = _cells(lines[texts[-2]]), _cells(lines[texts[-1]])
-        if _units(below, above) is not None and _units(above, above) is None:
+        above, below = _cells_of_line(lines[texts[-2]]), _cells_of_line(lines[texts[-1]])
+        if _unit_row(below, above) is not None and _unit_row(above, above) is None:
             return texts[-2]
     return texts[-1] if texts else None
 
 
-def _named(lines: list[str], header: str | int, path: Path) -> tuple[int, int]:
+def _header_line(lines: list[str], header: str | int, path: Path) -> tuple[int, int]:
     """Index of the header line that is named by its number or a text in it, and of the next one."""
     if isinstance(header, int):
         if not 1 <= header < len(lines):

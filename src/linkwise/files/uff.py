@@ -119,9 +119,9 @@ def read_table(path: Path) -> Table:
         return _of_response_functions(functions, path)
     if not responses:
         raise RecordError("contains no time response (data set 58, function type 1)", path)
-    others = [_column(data).header for data in sets if data["func_type"] != _TIME_RESPONSE]
+    others = [_column_of_set(data).header for data in sets if data["func_type"] != _TIME_RESPONSE]
     notes = (f"Data sets that are not time responses were ignored: {', '.join(others)}.",) if others else ()
-    first, columns = responses[0], tuple(map(_column, responses))
+    first, columns = responses[0], tuple(map(_column_of_set, responses))
     for data, column in zip(responses, columns, strict=True):
         if len(data["data"]) != data["num_pts"]:
             message = f"has {len(data['data'])} samples of {data['num_pts']} that the file states; the file is damaged"
@@ -131,7 +131,7 @@ def read_table(path: Path) -> Table:
             raise RecordError(other, path, channel=column.header)
     if first["abscissa_spacing"] != _EVEN_SPACING:
         return Table((Column("time", np.asarray(first["x"])), *columns), notes=notes)
-    rate = _rate(float(first["abscissa_inc"]))
+    rate = _sampling_rate(float(first["abscissa_inc"]))
     return Table(columns, start=float(first["abscissa_min"]), rate=rate, notes=notes)
 
 
@@ -140,7 +140,7 @@ def _of_response_functions(sets: list[dict[str, Any]], path: Path) -> Table:
 
     RecordError where they are of several forces or lines, or one is given twice or of a quantity that is not stated.
     """
-    references = {_point(data, "ref") for data in sets}
+    references = {_point_name(data, "ref") for data in sets}
     if len(references) > 1:
         raise RecordError(
             f"holds response functions of forces at {', '.join(sorted(references))}; keep those of one in a file, "
@@ -151,7 +151,7 @@ def _of_response_functions(sets: list[dict[str, Any]], path: Path) -> Table:
         raise RecordError("holds response functions of different lines", path)
     force, responses, units = f"force:{references.pop()}", {}, {}
     for data in sets:
-        place = _point(data, "rsp")
+        place = _point_name(data, "rsp")
         if data["ordinate_spec_data_type"] not in _KINDS:
             raise RecordError(
                 f"does not state which motion the response function of {place} is of; write it with the ordinate data type 8 "
@@ -163,7 +163,7 @@ def _of_response_functions(sets: list[dict[str, Any]], path: Path) -> Table:
             raise RecordError(f"holds two response functions of {name}; keep one of them", path)
         opposed = data["rsp_dir"] * data["ref_dir"] < 0  # response and force along axes of opposite senses
         responses[name] = -data["data"] if opposed else data["data"]
-        units[name], of_force = _units(data)
+        units[name], of_force = _unit_of_set(data)
         if units.setdefault(force, of_force) != of_force:
             raise RecordError(f"holds response functions per {units[force]} and per {of_force}", path)
     record = record_of_responses(sets[0]["x"], responses, force=force)
@@ -173,7 +173,7 @@ def _of_response_functions(sets: list[dict[str, Any]], path: Path) -> Table:
     return Table(columns, start=record.start, rate=record.rate, notes=(note,))
 
 
-def _units(data: dict[str, Any]) -> tuple[str, str]:
+def _unit_of_set(data: dict[str, Any]) -> tuple[str, str]:
     """What a response and its force are in; empty where that is not stated, and SI. The former may state both, as g/N."""
     labels = (str(data.get(f"{axis}_axis_units_lab", "")).strip() for axis in ("ordinate", "orddenom"))
     response, force = ("" if label in _NONE else label for label in labels)
@@ -183,14 +183,14 @@ def _units(data: dict[str, Any]) -> tuple[str, str]:
     return motion.strip(" ()"), force or per.strip(" ()")
 
 
-def _point(data: dict[str, Any], end: str) -> str:
+def _point_name(data: dict[str, Any], end: str) -> str:
     """The entity, or the node and the direction, as in files of modes."""
     entity = str(data[f"{end}_ent_name"]).strip()
     direction = _DIRECTIONS[abs(int(data[f"{end}_dir"]))]
     return entity if entity not in _NONE else f"{data[f'{end}_node']}{direction}"
 
 
-def _column(data: dict[str, Any]) -> Column:
+def _column_of_set(data: dict[str, Any]) -> Column:
     kind = _KINDS.get(data["ordinate_spec_data_type"], "")
     entity = data["rsp_ent_name"].strip()
     place = entity if entity not in _NONE else str(data["rsp_node"])
@@ -201,7 +201,7 @@ def _column(data: dict[str, Any]) -> Column:
     return Column.of(f"{header}{unit}", np.asarray(data["data"]), f"{kind}:{place}" if kind else "")
 
 
-def _rate(step: float) -> float:
+def _sampling_rate(step: float) -> float:
     """The rate with the fewest digits whose interval prints as `step` does: the format keeps six digits of it."""
     printed = f"{step:.5e}"
     for digits in range(1, 16):

@@ -248,11 +248,11 @@ def best_test(
     True
     """
     expect("best_test(structure): structure", structure, Structure)
-    _check(within, structure)
+    _check_limits(within, structure)
     true = structure.with_values({p.name: p.start for p in structure.parameters if p.start is not None})
     frequencies = _frequencies(true, duration, rate)
     segment = float(np.clip(_PERIODS / frequencies[0], SHORTEST, duration))
-    forms = list(_forms(frequencies, duration, rate))
+    forms = list(_tried_forces(frequencies, duration, rate))
     plans: list[Plan] = []
 
     def bound(place: str, force: Sampled, of: Mapping[str, float]) -> Limit:
@@ -266,7 +266,7 @@ def best_test(
 
     for number, (place, (kind, band, text)) in enumerate(product(structure.places, forms)):
         progress(ProgressReport(number / (len(forms) * len(structure.places)), f"{kind} on {place}"))
-        for peak, strokes in _sizes(true, place, text, within, (duration, rate)):
+        for peak, strokes in _allowed_sizes(true, place, text, within, (duration, rate)):
             test = bound(place, _sampled(text, peak, duration, rate), noise)
             plans.append(Plan(kind, place, peak, band, f"{peak:.6g}*{text}", strokes, test))
     if not plans:
@@ -290,7 +290,7 @@ def best_test(
     return BestTest(coefficient, tuple(plans))
 
 
-def _check(within: Mapping[str, float], structure: Structure) -> None:
+def _check_limits(within: Mapping[str, float], structure: Structure) -> None:
     known = ["force", "stroke", *(f"stroke:{link.name}" for link in structure.links)]
     for name, value in within.items():
         if name not in known or not 0.0 < value < np.inf:
@@ -311,7 +311,7 @@ def _frequencies(true: Structure, duration: float, rate: float) -> Floats:
     return frequencies if len(frequencies) else np.geomspace(2.0 / duration, 0.4 * rate, _MODES + 2)[1:-1]
 
 
-def _forms(
+def _tried_forces(
     frequencies: Floats, duration: float, rate: float
 ) -> Iterator[tuple[str, tuple[float, float], str]]:
     """Kind, band in Hz and expression, of peak 1, of each force that is tried."""
@@ -340,7 +340,7 @@ def _sampled(text: str, peak: float, duration: float, rate: float) -> Sampled:
     return Sampled(0.0, rate, peak * TimeFunction(text).value(np.arange(count) / rate))
 
 
-def _sizes(
+def _allowed_sizes(
     true: Structure, place: str, text: str, within: Mapping[str, float], sampling: tuple[float, float]
 ) -> list[tuple[float, dict[str, float]]]:
     """The largest force that keeps the strokes within their limits, and smaller ones, with the strokes by link."""

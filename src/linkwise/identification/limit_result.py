@@ -207,7 +207,7 @@ class Limit(JudgedView):
     def links(self) -> tuple[LinkLimit, ...]:
         """The precision for each link that has an unknown coefficient."""
         unknown = {index for parameter in self.parameters for index, _ in parameter.members}
-        return tuple(self._link(index) for index in sorted(unknown) if index >= 0)
+        return tuple(self._link_limit(index) for index in sorted(unknown) if index >= 0)
 
     def link(self, name: str) -> LinkLimit:
         """The precision for one link.
@@ -284,7 +284,7 @@ class Limit(JudgedView):
         head = (
             f"{self.structure.name or 'structure'}: the accuracy that this test allows\n"
             f"{self.verdicts[0].value}\n"
-            f"{len(self.record)} samples each of {listed(list(self.noise))} at {self.record.rate:g} Hz, {_segments(self)}"
+            f"{len(self.record)} samples each of {listed(list(self.noise))} at {self.record.rate:g} Hz, {_segments_text(self)}"
         )
         sizes = {name: f"{sigma:.3g} {unit_in(self.structure, name)}" for name, sigma in self.noise.items()}
         noise: Rows = [("noise", "deviation"), *((name, size.strip()) for name, size in sizes.items())]
@@ -300,7 +300,7 @@ class Limit(JudgedView):
         findings = [f"! {finding}" for finding in self.findings]
         return "\n\n".join("\n".join(block) for block in ([head], *map(_lines, tables), findings) if block)
 
-    def _link(self, index: int) -> LinkLimit:
+    def _link_limit(self, index: int) -> LinkLimit:
         link, (d, v) = self.structure.links[index], true_motion(self.record, index)
         if not link.law.is_plain:
             path, names = true_path(link, index, self.record), link.law.coefficients
@@ -311,9 +311,9 @@ class Limit(JudgedView):
         power, mean = float(np.var(force)), float(np.mean(deviation**2))
         with np.errstate(divide="ignore"):
             nmse = float(100.0 * np.divide(mean, power)) if mean > 0.0 else 0.0
-        return LinkLimit(link.name, nmse, float(np.sqrt(mean)), self._estimate(index, d, v))
+        return LinkLimit(link.name, nmse, float(np.sqrt(mean)), self._link_estimate(index, d, v))
 
-    def _estimate(self, index: int, d: Floats, v: Floats) -> LinkEstimate:
+    def _link_estimate(self, index: int, d: Floats, v: Floats) -> LinkEstimate:
         link = self.structure.links[index]
         numbered = enumerate(self.parameters)
         columns = {
@@ -368,7 +368,7 @@ def _as_dict(coefficient: CoefficientEstimate) -> dict[str, Any]:
 Rows = list[tuple[str, ...]]
 
 
-def _segments(limit: Limit) -> str:
+def _segments_text(limit: Limit) -> str:
     """What a free start of each segment leaves of the record, in words."""
     if limit.segment * limit.record.rate >= len(limit.record) - 0.5:
         return "in one segment with a\nfree start, as a fit of the whole record has it."

@@ -1,8 +1,10 @@
 """The prediction of a record: one free run, or windows where the motion is chaotic, with what limits its accuracy.
 
-In each window the state is fitted to the first samples, and the structure predicts the samples after. All windows are
-integrated at once. A weak prior of the size of the motion holds what the first samples do not determine, such as the state of
-a mass without a sensor; its uncertainty is then part of that of the prediction.
+`predict` chooses between the two, `one_step` predicts every sample from those just before it, and `free_run` is the run alone.
+All take states from a `WindowPredictor`. Its windows are segments of the likelihood that are not linked: in each the state is
+fitted to the first samples, and the structure predicts the samples after, all windows at once. A weak prior of the size of
+the motion holds what the first samples do not determine, such as the state of a mass without a sensor; its uncertainty is then
+part of that of the prediction.
 """
 
 from __future__ import annotations
@@ -32,6 +34,320 @@ from linkwise.records.record import Record
 from linkwise.records.sample_checks import LARGEST, require_complete
 from linkwise.signals.base_frame import framed
 from linkwise.simulation.simulate import simulate
+
+_LOST = 0.1  # of the RMS of a channel: an uncertainty of the state that has grown to it ends a prediction
+_GROWN = 10.0  # times that over the burn: what is as uncertain from the start has not grown
+_STAYS = 0.5  # of the time that follows, as long as the burn: an uncertainty that passes is not the end
+# samples: chaos loses the state in fewer, and the runs through a long record need not be made
+_BEGINNING = 5_000
+_FEWEST = 50  # samples of that time at least: after a shorter burn the uncertainty grows for as long without any chaos
+_SHORTEST = 4  # samples that a window predicts at least
+_LONGEST = 8  # windows at least
+_SETTLE = 100  # samples at most that determine the state of a window
+# of the samples must come before the prediction of their window is lost; the others are left out
+_WITHIN = 0.9
+_HISTORY = 20  # samples before the one that is predicted one step ahead
+_MOST_STEPS = 4000  # predictions one step ahead
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """N samples of C responses as a structure predicts them, (N, C) in SI units, NaN where nothing is predicted.
+
+    `variances` (N, 3, C) of it are from the state at the start, the coefficients and the stated error of the laws; `d` in m
+    and `v` in m/s (N, L) the motion of the links. It runs from `starts` independent states, each for a `window` in s, or None
+    for one free run, which the growth of the error of its state hides a `horizon` in s after the burn, or never.
+    """
+
+    predicted: Floats
+    variances: Floats
+    d: Floats
+    v: Floats
+    starts: int = 1
+    window: float | None = None
+    horizon: float | None = None
+
+
+def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Prediction:
+    """Predict a record from the state in its first `burn` samples, as far as chaos lets it, else in windows."""
+    progress(ProgressReport(0.0, "state at the start"))
+    record = predictor.record
+    size = np.nanstd(record.select(record.responses).values, axis=0)
+    for samples in dict.fromkeys((min(burn + _BEGINNING, len(record)), len(record))):
+        run = _one_run(predictor, burn, samples, progress)
+        horizon = _horizon(run, burn, size)
+        is_certain = samples == len(record) or (horizon or 0) < samples - 2 * max(burn, _FEWEST)
+        if horizon is not None and is_certain:  # that it stays lost shows only before the end of a beginning
+            progress(ProgressReport(0.6, "windows"))
+            return _in_windows(predictor, burn, horizon, size)
+    return run
+
+
+def _horizon(run: Prediction, burn: int, size: Floats) -> int | None:
+    """Samples after the burn from which a run has lost the state, beside channels of that `size` (C,); None for none."""
+    deviation = np.sqrt(run.variances[:, 0])
+    span = max(burn, _FEWEST)
+    early = np.sqrt(np.mean(run.variances[:span, 0], axis=0))
+    lost = (deviation > _LOST * size) & (deviation > _GROWN * early)
+    lost = (lost & (_means_ahead(lost, span) > _STAYS)).any(axis=1)
+    lost[:burn] = False
+    return max(int(np.argmax(lost)) - burn, 2 * _SHORTEST) if lost.any() else None
+
+
+def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
+    """Predictions (N, C) of samples after the burn, each from the samples just before it, and their variance.
+
+    NaN where a sample is not predicted, which is so of most in a long record.
+    """
+    record = predictor.record
+    history = min(_HISTORY, burn)
+    count = len(record) - burn
+    targets = burn + np.arange(0, count, -(-count // _MOST_STEPS))
+    prediction = predictor(targets - history, history, history + 1)
+    shape = (len(record), len(record.responses))
+    predicted, variance = np.full(shape, np.nan), np.full(shape, np.nan)
+    predicted[targets] = prediction.predicted[-1].T
+    variance[targets] = prediction.variances[-1].sum(axis=0).T
+    return predicted, variance
+
+
+def _one_run(predictor: WindowPredictor, burn: int, samples: int, progress: Progress) -> Prediction:
+    """One run of so many samples, and what errors of its start, coefficients and laws change of it."""
+    record, structure = predictor.record[:samples], predictor.structure
+    channels = record.responses
+    start = predictor(np.zeros(1, dtype=int), burn, burn)
+    state, root = start.state[:, 0], start.state_root[..., 0]
+    if not (np.isfinite(state).all() and np.isfinite(root).all()):
+        raise no_state(burn)
+    progress(ProgressReport(0.2, "free run"))
+    run = _simulated(predictor.valued, record, state)
+    truth = run.simulated
+    assert truth is not None
+    progress(ProgressReport(0.5, "what errors change of it"))
+    states = [*truth.displacement.T, *truth.velocity.T, *truth.states.values()]
+    predicted = run.select(channels).values.copy()
+    predicted[:burn] = np.nan
+    of_record = replace(predictor, record=record)
+    variances = of_record.variances_along(np.array(states), root, start.state_by_coefficients[..., 0])
+    return Prediction(
+        predicted, variances, *_link_motion(record, structure, truth.displacement, truth.velocity)
+    )
+
+
+def _link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """(N, L) elongations in m and rates in m/s of the links, from displacements and velocities (N, n) of the masses."""
+    if f"x:{BASE}" not in record.channels:
+        return structure.elongations(x, None), structure.elongations(v, None)
+    base = record.channel(f"x:{BASE}")
+    return structure.elongations(x, base), structure.elongations(v, np.gradient(base, record.step))
+
+
+def _in_windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) -> Prediction:
+    """The longest windows, by factors of two, of which nearly all samples come before the state is lost."""
+    record, structure = predictor.record, predictor.structure
+    samples = max(min((len(record) - burn) // _LONGEST, horizon), _SHORTEST)
+    while True:
+        settle = min(burn, max(_HISTORY, samples), _SETTLE)
+        firsts = np.arange(burn, len(record), samples) - settle
+        prediction = predictor(firsts, settle, settle + samples)
+        by_state = prediction.variances[:, 0]  # (M, C, K)
+        deviation, early = np.sqrt(by_state[settle:]), np.sqrt(np.mean(by_state[:settle], axis=0))
+        lost = ((deviation > _LOST * size[:, None]) & (deviation > _GROWN * early)).any(axis=1)
+        lost = np.maximum.accumulate(lost, axis=0)  # (M, K)
+        if 1.0 - np.mean(lost) >= _WITHIN or samples == _SHORTEST:
+            break
+        samples = max(samples // 2, _SHORTEST)
+    ahead = prediction.predicted[settle:].transpose(0, 2, 1)
+    running_away = int(np.any(~(np.abs(ahead) <= LARGEST) & ~lost[..., None], axis=(0, 2)).sum())
+    if running_away:
+        raise SimulationError(
+            f"from {running_away} of {len(firsts)} states along the record the motion of the answer runs to infinity; check "
+            "its coefficients, and the units of the channels of the record and of its time"
+        )
+    ahead[lost] = np.nan
+
+    def joined(parts: Floats) -> Floats:
+        """(N, ...) from (M, ..., K): what follows the state of each window, one after the other."""
+        tail = np.moveaxis(parts[settle:], -1, 0)
+        tail = tail.reshape(-1, *tail.shape[2:])[: len(record) - burn]
+        return np.concatenate([np.full((burn, *tail.shape[1:]), np.nan), tail])
+
+    motion = joined(prediction.motion)
+    d, v = _link_motion(record, structure, motion[:, 0], motion[:, 1])
+    return Prediction(
+        predicted=joined(prediction.predicted),
+        variances=joined(prediction.variances),
+        d=d,
+        v=v,
+        starts=len(firsts),
+        window=samples * record.step,
+        horizon=horizon * record.step,
+    )
+
+
+def _means_ahead(values: Floats | Bools, samples: int) -> Floats:
+    """Means (N, C) of `values` over the samples that follow each."""
+    total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0, dtype=float)
+    ends = np.minimum(np.arange(len(values)) + samples, len(values))
+    return np.asarray((total[ends] - total[:-1]) / (ends - np.arange(len(values)))[:, None])
+
+
+_RELATIVE_ERROR = 1e-6  # of the size of a channel, to which a state is fitted
+_EXACT = np.zeros(0), np.zeros((0, 0))  # values and covariance of a structure without uncertain coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRun:
+    """A simulation of a structure under the inputs of a record, compared with that record.
+
+    Attributes
+    ----------
+    motion : Record
+        The responses of the record as the structure gives them.
+    residual : Record
+        The responses of the record less these.
+    rmse : mapping of str to float
+        Root mean square of the residual after the first `settling` samples, by channel, in its SI unit.
+    settling : int
+        The number of samples that the initial state was fitted to.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.4, rate=1000.0).with_noise(40.0, seed=1)
+    >>> run = lw.analysis.free_run(chain, record)
+    >>> run.motion.channels, run.settling
+    (('x:m1', 'x:m2'), 50)
+    """
+
+    motion: Record
+    residual: Record
+    rmse: Mapping[str, float]
+    settling: int
+
+    @property
+    def horizon(self) -> float | None:
+        """Time in s past which a chaotic motion cannot be predicted; None if it can throughout.
+
+        Rounding alone has then grown to a part of the motion; an error of the structure or of its initial state gets there
+        sooner.
+        """
+        return None if self.motion.simulated is None else self.motion.simulated.horizon
+
+
+def free_run(structure: Structure, record: Record, *, settling: int = 50) -> FreeRun:
+    """Simulate an identified structure under the inputs of a record, from the state that fits its first samples best.
+
+    Use a part of the record that the structure was not identified from. A chaotic structure departs from any record after a
+    while, however well it is identified, since the error of its initial state grows (that of the paper's chains within about a
+    second): the run then validates the time before, and `nmse` compares forces over the whole record.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure, every coefficient a number.
+    record : Record
+        The record. Its forces and base motion drive the structure, interpolated by a spline of the fifth order.
+    settling : int
+        The number of samples to which the displacements and velocities at the start are fitted, by least squares.
+
+    Returns
+    -------
+    FreeRun
+        The motion, and its difference from the record.
+
+    Raises
+    ------
+    RecordError
+        If the record has no response of the structure, has inputs with gaps, or is not longer than the settling.
+    IdentificationError
+        If the motion of the base is not known well enough for a link or a channel.
+    SimulationError
+        If the structure diverges.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record[:500], chain.unknown("nes"))
+    >>> run = lw.analysis.free_run(fit.structure, record[500:700])
+    >>> sorted(run.rmse)
+    ['x:m1', 'x:m2']
+    """
+    expect("free_run(structure, record): structure", structure, Structure)
+    expect("free_run(structure, record): record", record, Record)
+    refuse_rig(structure, "validation")
+    refuse_memory(structure.links, "free runs")
+    refuse_hosts(structure, "free runs")
+    given = usable(record, structure)
+    frame = framed(given, structure)
+    record, channels = frame.record, frame.record.responses
+    if not 2 <= settling < len(record):
+        message = f"settling must be at least 2 and leave samples to compare, got {settling} of {len(record)} samples"
+        raise RecordError(message)
+    for name in channels:
+        present = ~np.isnan(record.channel(name))
+        if not (present[:settling].any() and present[settling:].any()):
+            message = (
+                f"has no sample among the first {settling}, which determine the state, or none after them"
+            )
+            raise RecordError(message, channel=name)
+    size = np.sqrt(np.nanmean(record.select(channels).values[:settling] ** 2, axis=0))
+    predictor = WindowPredictor(record, structure, *_EXACT, _RELATIVE_ERROR * np.where(size > 0.0, size, 1.0))
+    state = predictor(np.zeros(1, dtype=int), settling, settling).state[:, 0]
+    run = _simulated(structure, record, state)
+    motion = replace(run, start=record.start).select(channels)
+    residual = record.select(channels).values - motion.values
+    channels = given.responses
+    motion = replace(motion, channels=channels, values=motion.values + frame.shown)
+    rmse = np.sqrt(np.nanmean(residual[settling:] ** 2, axis=0))
+    left = Record(record.start, record.rate, channels, residual, source=f"{record.source} less a free run")
+    errors: dict[str, float] = dict(zip(channels, map(float, rmse), strict=True))
+    return FreeRun(motion=motion, residual=left, rmse=errors, settling=settling)
+
+
+def usable(record: Record, structure: Structure) -> Record:
+    """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
+    masses = structure.places
+    responses = [c for c in record.responses if c.place in places_of(c.kind, structure)]
+    if not responses:
+        raise RecordError(
+            f"no response of {', '.join(masses)} is in the record, which holds {', '.join(record.channels)}; "
+            "there is nothing to compare a prediction with"
+        )
+    for name in record.inputs:
+        if name.is_force and name.place not in masses:
+            raise RecordError(
+                f"this force acts on no mass of the structure, whose {'masses and points' if structure.hosts else 'masses'} "
+                f"are {', '.join(masses)}",
+                channel=name,
+            )
+        require_complete(name, record.channel(name), record.start, record.rate)
+    return record.select([*record.inputs, *responses])
+
+
+def _simulated(structure: Structure, record: Record, state: Floats) -> Record:
+    """The responses of a record by a structure that starts from a state (2n + S,), on a clock that starts at 0."""
+    inputs: dict[Channel, Sampled] = {}
+    for name in record.inputs:
+        if name.place != BASE or name.kind == "x":
+            order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
+            inputs[name] = Sampled(0.0, record.rate, record.channel(name), order=order)
+    released = [f"{kind}:{name}" for kind in "xv" for name in structure.mass_names]
+    released += [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
+    return simulate(
+        structure,
+        duration=(len(record) - 1) / record.rate,
+        rate=record.rate,
+        sensors=record.responses,
+        release=dict(zip(released, state.tolist(), strict=True)),
+        forces={channel.place: signal for channel, signal in inputs.items() if channel.is_force},
+        signals={name: inputs[Channel("signal", name)] for name in structure.signals},
+        base=inputs.get(Channel("x", BASE)),
+    )
+
 
 _PRIOR = 3.0  # deviation of the prior over the RMS of the motion: held only where samples say nothing
 _FIRST = 16  # samples of the first fit; each next one takes more, so that chaos does not hide the minimum
@@ -336,317 +652,3 @@ def _input_at(record: Record, index: Floats, name: str, *, derivative: bool = Fa
     return (
         np.where(time <= signal.end, signal.derivative(inside), 0.0) if derivative else signal.value(inside)
     )
-
-
-_RELATIVE_ERROR = 1e-6  # of the size of a channel, to which a state is fitted
-_EXACT = np.zeros(0), np.zeros((0, 0))  # values and covariance of a structure without uncertain coefficients
-
-
-@dataclass(frozen=True, eq=False)
-class FreeRun:
-    """A simulation of a structure under the inputs of a record, compared with that record.
-
-    Attributes
-    ----------
-    motion : Record
-        The responses of the record as the structure gives them.
-    residual : Record
-        The responses of the record less these.
-    rmse : mapping of str to float
-        Root mean square of the residual after the first `settling` samples, by channel, in its SI unit.
-    settling : int
-        The number of samples that the initial state was fitted to.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.4, rate=1000.0).with_noise(40.0, seed=1)
-    >>> run = lw.analysis.free_run(chain, record)
-    >>> run.motion.channels, run.settling
-    (('x:m1', 'x:m2'), 50)
-    """
-
-    motion: Record
-    residual: Record
-    rmse: Mapping[str, float]
-    settling: int
-
-    @property
-    def horizon(self) -> float | None:
-        """Time in s past which a chaotic motion cannot be predicted; None if it can throughout.
-
-        Rounding alone has then grown to a part of the motion; an error of the structure or of its initial state gets there
-        sooner.
-        """
-        return None if self.motion.simulated is None else self.motion.simulated.horizon
-
-
-def free_run(structure: Structure, record: Record, *, settling: int = 50) -> FreeRun:
-    """Simulate an identified structure under the inputs of a record, from the state that fits its first samples best.
-
-    Use a part of the record that the structure was not identified from. A chaotic structure departs from any record after a
-    while, however well it is identified, since the error of its initial state grows (that of the paper's chains within about a
-    second): the run then validates the time before, and `nmse` compares forces over the whole record.
-
-    Parameters
-    ----------
-    structure : Structure
-        The structure, every coefficient a number.
-    record : Record
-        The record. Its forces and base motion drive the structure, interpolated by a spline of the fifth order.
-    settling : int
-        The number of samples to which the displacements and velocities at the start are fitted, by least squares.
-
-    Returns
-    -------
-    FreeRun
-        The motion, and its difference from the record.
-
-    Raises
-    ------
-    RecordError
-        If the record has no response of the structure, has inputs with gaps, or is not longer than the settling.
-    IdentificationError
-        If the motion of the base is not known well enough for a link or a channel.
-    SimulationError
-        If the structure diverges.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> fit = lw.identify(record[:500], chain.unknown("nes"))
-    >>> run = lw.analysis.free_run(fit.structure, record[500:700])
-    >>> sorted(run.rmse)
-    ['x:m1', 'x:m2']
-    """
-    expect("free_run(structure, record): structure", structure, Structure)
-    expect("free_run(structure, record): record", record, Record)
-    refuse_rig(structure, "validation")
-    refuse_memory(structure.links, "free runs")
-    refuse_hosts(structure, "free runs")
-    given = usable(record, structure)
-    frame = framed(given, structure)
-    record, channels = frame.record, frame.record.responses
-    if not 2 <= settling < len(record):
-        message = f"settling must be at least 2 and leave samples to compare, got {settling} of {len(record)} samples"
-        raise RecordError(message)
-    for name in channels:
-        present = ~np.isnan(record.channel(name))
-        if not (present[:settling].any() and present[settling:].any()):
-            message = (
-                f"has no sample among the first {settling}, which determine the state, or none after them"
-            )
-            raise RecordError(message, channel=name)
-    size = np.sqrt(np.nanmean(record.select(channels).values[:settling] ** 2, axis=0))
-    predictor = WindowPredictor(record, structure, *_EXACT, _RELATIVE_ERROR * np.where(size > 0.0, size, 1.0))
-    state = predictor(np.zeros(1, dtype=int), settling, settling).state[:, 0]
-    run = _simulated(structure, record, state)
-    motion = replace(run, start=record.start).select(channels)
-    residual = record.select(channels).values - motion.values
-    channels = given.responses
-    motion = replace(motion, channels=channels, values=motion.values + frame.shown)
-    rmse = np.sqrt(np.nanmean(residual[settling:] ** 2, axis=0))
-    left = Record(record.start, record.rate, channels, residual, source=f"{record.source} less a free run")
-    errors: dict[str, float] = dict(zip(channels, map(float, rmse), strict=True))
-    return FreeRun(motion=motion, residual=left, rmse=errors, settling=settling)
-
-
-def usable(record: Record, structure: Structure) -> Record:
-    """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
-    masses = structure.places
-    responses = [c for c in record.responses if c.place in places_of(c.kind, structure)]
-    if not responses:
-        raise RecordError(
-            f"no response of {', '.join(masses)} is in the record, which holds {', '.join(record.channels)}; "
-            "there is nothing to compare a prediction with"
-        )
-    for name in record.inputs:
-        if name.is_force and name.place not in masses:
-            raise RecordError(
-                f"this force acts on no mass of the structure, whose {'masses and points' if structure.hosts else 'masses'} "
-                f"are {', '.join(masses)}",
-                channel=name,
-            )
-        require_complete(name, record.channel(name), record.start, record.rate)
-    return record.select([*record.inputs, *responses])
-
-
-def _simulated(structure: Structure, record: Record, state: Floats) -> Record:
-    """The responses of a record by a structure that starts from a state (2n + S,), on a clock that starts at 0."""
-    inputs: dict[Channel, Sampled] = {}
-    for name in record.inputs:
-        if name.place != BASE or name.kind == "x":
-            order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
-            inputs[name] = Sampled(0.0, record.rate, record.channel(name), order=order)
-    released = [f"{kind}:{name}" for kind in "xv" for name in structure.mass_names]
-    released += [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
-    return simulate(
-        structure,
-        duration=(len(record) - 1) / record.rate,
-        rate=record.rate,
-        sensors=record.responses,
-        release=dict(zip(released, state.tolist(), strict=True)),
-        forces={channel.place: signal for channel, signal in inputs.items() if channel.is_force},
-        signals={name: inputs[Channel("signal", name)] for name in structure.signals},
-        base=inputs.get(Channel("x", BASE)),
-    )
-
-
-_LOST = 0.1  # of the RMS of a channel: an uncertainty of the state that has grown to it ends a prediction
-_GROWN = 10.0  # times that over the burn: what is as uncertain from the start has not grown
-_STAYS = 0.5  # of the time that follows, as long as the burn: an uncertainty that passes is not the end
-# samples: chaos loses the state in fewer, and the runs through a long record need not be made
-_BEGINNING = 5_000
-_FEWEST = 50  # samples of that time at least: after a shorter burn the uncertainty grows for as long without any chaos
-_SHORTEST = 4  # samples that a window predicts at least
-_LONGEST = 8  # windows at least
-_SETTLE = 100  # samples at most that determine the state of a window
-# of the samples must come before the prediction of their window is lost; the others are left out
-_WITHIN = 0.9
-_HISTORY = 20  # samples before the one that is predicted one step ahead
-_MOST_STEPS = 4000  # predictions one step ahead
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """N samples of C responses as a structure predicts them, (N, C) in SI units, NaN where nothing is predicted.
-
-    `variances` (N, 3, C) of it are from the state at the start, the coefficients and the stated error of the laws; `d` in m
-    and `v` in m/s (N, L) the motion of the links. It runs from `starts` independent states, each for a `window` in s, or None
-    for one free run, which the growth of the error of its state hides a `horizon` in s after the burn, or never.
-    """
-
-    predicted: Floats
-    variances: Floats
-    d: Floats
-    v: Floats
-    starts: int = 1
-    window: float | None = None
-    horizon: float | None = None
-
-
-def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Prediction:
-    """Predict a record from the state in its first `burn` samples, as far as chaos lets it, else in windows."""
-    progress(ProgressReport(0.0, "state at the start"))
-    record = predictor.record
-    size = np.nanstd(record.select(record.responses).values, axis=0)
-    for samples in dict.fromkeys((min(burn + _BEGINNING, len(record)), len(record))):
-        run = _one_run(predictor, burn, samples, progress)
-        horizon = _horizon(run, burn, size)
-        is_certain = samples == len(record) or (horizon or 0) < samples - 2 * max(burn, _FEWEST)
-        if horizon is not None and is_certain:  # that it stays lost shows only before the end of a beginning
-            progress(ProgressReport(0.6, "windows"))
-            return _in_windows(predictor, burn, horizon, size)
-    return run
-
-
-def _horizon(run: Prediction, burn: int, size: Floats) -> int | None:
-    """Samples after the burn from which a run has lost the state, beside channels of that `size` (C,); None for none."""
-    deviation = np.sqrt(run.variances[:, 0])
-    span = max(burn, _FEWEST)
-    early = np.sqrt(np.mean(run.variances[:span, 0], axis=0))
-    lost = (deviation > _LOST * size) & (deviation > _GROWN * early)
-    lost = (lost & (_means_ahead(lost, span) > _STAYS)).any(axis=1)
-    lost[:burn] = False
-    return max(int(np.argmax(lost)) - burn, 2 * _SHORTEST) if lost.any() else None
-
-
-def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
-    """Predictions (N, C) of samples after the burn, each from the samples just before it, and their variance.
-
-    NaN where a sample is not predicted, which is so of most in a long record.
-    """
-    record = predictor.record
-    history = min(_HISTORY, burn)
-    count = len(record) - burn
-    targets = burn + np.arange(0, count, -(-count // _MOST_STEPS))
-    prediction = predictor(targets - history, history, history + 1)
-    shape = (len(record), len(record.responses))
-    predicted, variance = np.full(shape, np.nan), np.full(shape, np.nan)
-    predicted[targets] = prediction.predicted[-1].T
-    variance[targets] = prediction.variances[-1].sum(axis=0).T
-    return predicted, variance
-
-
-def _one_run(predictor: WindowPredictor, burn: int, samples: int, progress: Progress) -> Prediction:
-    """One run of so many samples, and what errors of its start, coefficients and laws change of it."""
-    record, structure = predictor.record[:samples], predictor.structure
-    channels = record.responses
-    start = predictor(np.zeros(1, dtype=int), burn, burn)
-    state, root = start.state[:, 0], start.state_root[..., 0]
-    if not (np.isfinite(state).all() and np.isfinite(root).all()):
-        raise no_state(burn)
-    progress(ProgressReport(0.2, "free run"))
-    run = _simulated(predictor.valued, record, state)
-    truth = run.simulated
-    assert truth is not None
-    progress(ProgressReport(0.5, "what errors change of it"))
-    states = [*truth.displacement.T, *truth.velocity.T, *truth.states.values()]
-    predicted = run.select(channels).values.copy()
-    predicted[:burn] = np.nan
-    of_record = replace(predictor, record=record)
-    variances = of_record.variances_along(np.array(states), root, start.state_by_coefficients[..., 0])
-    return Prediction(
-        predicted, variances, *_link_motion(record, structure, truth.displacement, truth.velocity)
-    )
-
-
-def _link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """(N, L) elongations in m and rates in m/s of the links, from displacements and velocities (N, n) of the masses."""
-    if f"x:{BASE}" not in record.channels:
-        return structure.elongations(x, None), structure.elongations(v, None)
-    base = record.channel(f"x:{BASE}")
-    return structure.elongations(x, base), structure.elongations(v, np.gradient(base, record.step))
-
-
-def _in_windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) -> Prediction:
-    """The longest windows, by factors of two, of which nearly all samples come before the state is lost."""
-    record, structure = predictor.record, predictor.structure
-    samples = max(min((len(record) - burn) // _LONGEST, horizon), _SHORTEST)
-    while True:
-        settle = min(burn, max(_HISTORY, samples), _SETTLE)
-        firsts = np.arange(burn, len(record), samples) - settle
-        prediction = predictor(firsts, settle, settle + samples)
-        by_state = prediction.variances[:, 0]  # (M, C, K)
-        deviation, early = np.sqrt(by_state[settle:]), np.sqrt(np.mean(by_state[:settle], axis=0))
-        lost = ((deviation > _LOST * size[:, None]) & (deviation > _GROWN * early)).any(axis=1)
-        lost = np.maximum.accumulate(lost, axis=0)  # (M, K)
-        if 1.0 - np.mean(lost) >= _WITHIN or samples == _SHORTEST:
-            break
-        samples = max(samples // 2, _SHORTEST)
-    ahead = prediction.predicted[settle:].transpose(0, 2, 1)
-    running_away = int(np.any(~(np.abs(ahead) <= LARGEST) & ~lost[..., None], axis=(0, 2)).sum())
-    if running_away:
-        raise SimulationError(
-            f"from {running_away} of {len(firsts)} states along the record the motion of the answer runs to infinity; check "
-            "its coefficients, and the units of the channels of the record and of its time"
-        )
-    ahead[lost] = np.nan
-
-    def joined(parts: Floats) -> Floats:
-        """(N, ...) from (M, ..., K): what follows the state of each window, one after the other."""
-        tail = np.moveaxis(parts[settle:], -1, 0)
-        tail = tail.reshape(-1, *tail.shape[2:])[: len(record) - burn]
-        return np.concatenate([np.full((burn, *tail.shape[1:]), np.nan), tail])
-
-    motion = joined(prediction.motion)
-    d, v = _link_motion(record, structure, motion[:, 0], motion[:, 1])
-    return Prediction(
-        predicted=joined(prediction.predicted),
-        variances=joined(prediction.variances),
-        d=d,
-        v=v,
-        starts=len(firsts),
-        window=samples * record.step,
-        horizon=horizon * record.step,
-    )
-
-
-def _means_ahead(values: Floats | Bools, samples: int) -> Floats:
-    """Means (N, C) of `values` over the samples that follow each."""
-    total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0, dtype=float)
-    ends = np.minimum(np.arange(len(values)) + samples, len(values))
-    return np.asarray((total[ends] - total[:-1]) / (ends - np.arange(len(values)))[:, None])

@@ -192,7 +192,7 @@ def mark_missing(record: Record, faults: str | Sequence[str] = ("clipped", "spik
             notes.append(f"{signal.channel}: {int(faulty.sum())} {_MARKED} ({name}).")
         stays = long_stays(signal, marked.get("clipped", np.zeros(0, dtype=bool)))
         notes += [_why_no_bounds(signal, stay) for stay in stays]
-        if (beyond := _clipped(record, signal, marked, values[:, column].copy(), stays)) is not None:
+        if (beyond := _clipped_samples(record, signal, marked, values[:, column].copy(), stays)) is not None:
             clipped[signal.channel] = beyond
     if not notes:
         return record
@@ -207,7 +207,7 @@ def _why_no_bounds(signal: ChannelSignal, stay: slice) -> str:
     )
 
 
-def _clipped(
+def _clipped_samples(
     record: Record,
     signal: ChannelSignal,
     marked: Mapping[str, Bools],

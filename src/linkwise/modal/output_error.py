@@ -169,17 +169,17 @@ class ModalFit:
 def modal_fit(measured: ModalMeasurement, start: PursuedModes, progress: Progress = silent) -> ModalFit:
     """The most likely modes, searched from a start; with damping between pairs of them where that of one stands out."""
     problem = _OutputError(measured, len(start.frequencies))
-    optimum = _searched(problem, problem.start(start), part(progress, 0.0, 0.5))
+    optimum = _most_likely(problem, problem.start(start), part(progress, 0.0, 0.5))
     coupled, point = _with_pairs(problem, *optimum[:2])
     if coupled.pairs:
-        fit = _fit(coupled, _searched(coupled, point, part(progress, 0.5, 1.0)))
+        fit = _modal_fit(coupled, _most_likely(coupled, point, part(progress, 0.5, 1.0)))
         errors = np.sqrt(fit.covariance.diagonal()) * fit.block_ratios
         if np.any(np.abs(fit.between) > _STANDS_OUT * errors[-len(fit.pairs) :]):
             return fit
-    return _fit(problem, optimum)
+    return _modal_fit(problem, optimum)
 
 
-def _fit(problem: _OutputError, found: tuple[Floats, Floats, bool]) -> ModalFit:
+def _modal_fit(problem: _OutputError, found: tuple[Floats, Floats, bool]) -> ModalFit:
     """The modes that were found, in the order of their frequencies, with their errors."""
     measured, (theta, noise, converged) = problem.measured, found
     theta, scaling = problem.scaled(theta)
@@ -205,7 +205,7 @@ def _fit(problem: _OutputError, found: tuple[Floats, Floats, bool]) -> ModalFit:
     )
 
 
-def _searched(problem: _OutputError, theta: Floats, progress: Progress) -> tuple[Floats, Floats, bool]:
+def _most_likely(problem: _OutputError, theta: Floats, progress: Progress) -> tuple[Floats, Floats, bool]:
     """The parameters and levels of noise that are most likely, searched in turn, and whether the search converged."""
     noise, converged = problem.levels(theta), False
     for number in range(_ROUNDS):

@@ -65,10 +65,10 @@ def modes_of_uff(path: str | Path) -> tuple[HostMode, ...]:
         for key, name in _DIRECTIONS.items()
         if any(np.any(np.asarray(data.get(key, 0.0)) != 0.0) for data in normal)
     ]
-    return tuple(_mode(data, moving, f"{source}, mode {n}") for n, data in enumerate(normal, start=1))
+    return tuple(_mode_of_row(data, moving, f"{source}, mode {n}") for n, data in enumerate(normal, start=1))
 
 
-def _mode(data: dict[str, Any], moving: list[tuple[str, str]], where: str) -> HostMode:
+def _mode_of_row(data: dict[str, Any], moving: list[tuple[str, str]], where: str) -> HostMode:
     mass = float(data.get("modal_m", 0.0))
     if not mass > 0.0:
         problem = f"has the modal mass {mass:g}, which does not scale its shape"
@@ -272,13 +272,13 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
         )
         raise StructureError(message, source)
     (_, header), *modes = rows
-    names, units = _columns([name.strip() for name in header], source)
+    names, units = _mode_columns([name.strip() for name in header], source)
     if delimiter != ",":  # numbers may have decimal commas
         modes = [(number, [cell.replace(",", ".") for cell in cells]) for number, cells in modes]
     return tuple(_mode_of_line(names, units, cells, f"{source}, line {number}") for number, cells in modes)
 
 
-def _columns(header: list[str], source: str) -> tuple[list[str], dict[str, str]]:
+def _mode_columns(header: list[str], source: str) -> tuple[list[str], dict[str, str]]:
     """The columns, and the units that their names state."""
     where, names, units = f"{source}, line 1", [], {}
     for name in header:

@@ -119,7 +119,7 @@ _BELOW = np.linspace(0.99, 0.9, 10)  # frequencies that are tried then
 Matrix: TypeAlias = scipy.sparse.sparray | scipy.sparse.spmatrix
 
 
-def _apart(omega: float, modes: Floats) -> float:
+def _off_resonance(omega: float, modes: Floats) -> float:
     """The angular frequency `omega`, or one somewhat below it that is farther from all `modes` (k,) in resonance."""
     trials = omega * np.append(1.0, _BELOW)
     distances = np.abs(trials[:, None] / modes[modes > 0.0] - 1.0).min(axis=1, initial=np.inf)
@@ -343,14 +343,14 @@ class HostMatrices:
             raise StructureError(f"a host needs at least one point: {advice}")
         if keep < 1:
             raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
-        self._check()
+        self._check_matrices()
         at_points = np.zeros((len(self.names), len(points)))
         for column, (point, given) in enumerate(points.items()):
             for row, weight in self._weights(point, str(given)).items():
                 at_points[row, column] = weight
         massless = int(np.count_nonzero(self.mass.diagonal() == 0.0))
         keep = min(keep, max(len(self.names) - massless - 1, 1))
-        squares, shapes = self._lowest(keep)
+        squares, shapes = self._lowest_modes(keep)
         following = float(squares[keep]) if len(squares) > keep else 4.0 * float(squares[-1])
         squares, shapes = squares[:keep], shapes[:, :keep]
         kept = len(squares)
@@ -364,7 +364,7 @@ class HostMatrices:
             HostMode(frequency, ratio, dict(zip(points, column, strict=True)))
             for frequency, ratio, *column in np.column_stack([frequencies, ratios, local.T]).tolist()
         )
-        square = _apart(0.5 * np.sqrt(following), np.sqrt(np.maximum(squares, 0.0))) ** 2
+        square = _off_resonance(0.5 * np.sqrt(following), np.sqrt(np.maximum(squares, 0.0))) ** 2
         exact = at_points.T @ _factor(self.stiffness - square * self.mass).solve(at_points)
         approximate = (local / (squares - square)) @ local.T
         error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
@@ -373,7 +373,7 @@ class HostMatrices:
         others = kept, band, error, coupling, self.total_mass, massless
         return HostReduction(host.with_units(turning), *others)
 
-    def _check(self) -> None:
+    def _check_matrices(self) -> None:
         """Raise StructureError for what cannot be reduced."""
         mass, size = self.mass, self.mass.shape[0]
         others = {"stiffness": self.stiffness} | ({} if self.damping is None else {"damping": self.damping})
@@ -406,20 +406,20 @@ class HostMatrices:
                 f"{named} has neither mass nor stiffness: leave this degree of freedom out, or constrain it"
             )
             raise StructureError(message)
-        if 0.0 < self._fastest < _SLOWEST:
+        if 0.0 < self._stiffest < _SLOWEST:
             raise StructureError(
-                f"with these matrices nothing moves faster than about {np.sqrt(self._fastest) / (2.0 * np.pi):.2g} Hz: mass "
+                f"with these matrices nothing moves faster than about {np.sqrt(self._stiffest) / (2.0 * np.pi):.2g} Hz: mass "
                 "and stiffness may be swapped, the mass matrix being the first of the two, or in units that are not of one "
                 "system"
             )
 
     @property
-    def _fastest(self) -> float:
+    def _stiffest(self) -> float:
         """The largest stiffness over mass of a degree of freedom with mass."""
         of_mass = self.mass.diagonal()
         return float(np.max(self.stiffness.diagonal()[of_mass > 0.0] / of_mass[of_mass > 0.0]))
 
-    def _lowest(self, keep: int) -> tuple[Floats, Floats]:
+    def _lowest_modes(self, keep: int) -> tuple[Floats, Floats]:
         """Squares (k,) of the angular frequencies of the lowest modes and one more, and mass-normalised shapes (n, k)."""
         mass, stiffness = self.mass, self.stiffness
         size, with_mass = mass.shape[0], int(np.count_nonzero(mass.diagonal()))
@@ -452,7 +452,7 @@ class HostMatrices:
             ) from None
         order = np.argsort(squares)
         squares, shapes = squares[order], shapes[:, order]
-        rounding = _ROUNDING * self._fastest
+        rounding = _ROUNDING * self._stiffest
         squares = np.where(np.abs(squares) < rounding, 0.0, squares)
         if (squares < 0.0).any():
             problem = "the stiffness matrix has negative eigenvalues"

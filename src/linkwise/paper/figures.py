@@ -92,7 +92,7 @@ def _figure(
     study: Study, table: StudySummary, paper: PaperStudy, masses: int, classical: str, shown: Sequence[float]
 ) -> Figure | None:
     subject_name = paper.named(masses)
-    rows = {level: _middle(table, subject_name, level, classical) for level in DECIBELS}
+    rows = {level: _median_row(table, subject_name, level, classical) for level in DECIBELS}
     judged = next((row for level in reversed(DECIBELS) if (row := rows[level]) is not None), None)
     if judged is None or subject_name is None:
         return None
@@ -104,7 +104,7 @@ def _figure(
     errors: list[str] = []
     drawn = [("", level, row) for level, row in rows.items()]
     for method in paper.likelihood[:1]:
-        drawn.append((method, DECIBELS[-1], _middle(table, subject_name, DECIBELS[-1], method)))
+        drawn.append((method, DECIBELS[-1], _median_row(table, subject_name, DECIBELS[-1], method)))
     for method, level, row in drawn:
         if row is not None:
             name = f"{method or 'SINDy'}, {level:g} dB"
@@ -115,14 +115,14 @@ def _figure(
     return force_comparison_figure(
         structure.link(link),
         forces,
-        _visited(subject, link),
+        _true_range(subject, link),
         styles=styles,
         only_errors=[f"SINDy, {level:g} dB" for level in DECIBELS if level not in shown],
         title=f"{link}; SINDy: {classical}; cycles of median error\nNMSE: {', '.join(errors)}",
     )
 
 
-def _visited(subject: Subject, link: str) -> tuple[float, float]:
+def _true_range(subject: Subject, link: str) -> tuple[float, float]:
     """The least and the greatest elongation of a link in m along the true motion."""
     truth = subject.simulate().simulated
     assert truth is not None  # of a simulation it is there
@@ -137,7 +137,7 @@ def _median_link(row: Row) -> str:
     return min(row.links, key=lambda link: abs(row.links[link] - error))
 
 
-def _middle(table: StudySummary, name: str | None, level: float, method: str) -> Row | None:
+def _median_row(table: StudySummary, name: str | None, level: float, method: str) -> Row | None:
     """The row that stands for a cell, None where none has coefficients."""
     cell = None if name is None else table.cell(name, level, method)
     row = None if cell is None else cell.median_row
@@ -199,9 +199,9 @@ def motion_captions() -> dict[str, str]:
     two, eight = chain_motion(2), chain_motion(8)
     return {
         "figure_2": _two_masses(two),
-        "figure_3": _compared(two, "The paper: faster decay and smaller amplitudes."),
+        "figure_3": _motion_caption(two, "The paper: faster decay and smaller amplitudes."),
         "figure_4": _many(eight),
-        "figure_5": _compared(eight, 'The paper: "always lower than the linear" chain.'),
+        "figure_5": _motion_caption(eight, 'The paper: "always lower than the linear" chain.'),
     }
 
 
@@ -232,7 +232,7 @@ def _past(horizon: float) -> str:
     )
 
 
-def _compared(motion: OrbitEnvelope, paper: str) -> str:
+def _motion_caption(motion: OrbitEnvelope, paper: str) -> str:
     shares, without = {}, chain_motion(len(motion.masses), sinks=False)
     for mass in without.masses:
         power, alone = (np.mean(run.record.channel(f"x:{mass}") ** 2) for run in (motion, without))

@@ -57,7 +57,7 @@ def node_positions(count: int, edges: tuple[tuple[int, int], ...]) -> Floats:
     positions, top = np.zeros((count, 2)), 0.0
     for part in range(parts):
         nodes = np.flatnonzero(part_of == part)
-        placed = _horizontal(_placed(distance[np.ix_(nodes, nodes)]))
+        placed = _horizontal(_stress_positions(distance[np.ix_(nodes, nodes)]))
         placed[:, 1] += top - placed[:, 1].min()
         positions[nodes] = placed
         top = float(placed[:, 1].max()) + _GAP
@@ -65,7 +65,7 @@ def node_positions(count: int, edges: tuple[tuple[int, int], ...]) -> Floats:
     return positions
 
 
-def _placed(distance: Floats) -> Floats:
+def _stress_positions(distance: Floats) -> Floats:
     """(n, 2) positions of nodes that are to be (n, n) apart: classical scaling, and stress majorization from there."""
     count = len(distance)
     centre = np.eye(count) - 1.0 / count
@@ -175,11 +175,11 @@ def graph(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) 
     >>> sorted(text.get_text() for text in ax.texts)
     ['1 kg', '10 g', 'bistable', 'linear', 'm1', 'm2']
     """
-    drawing = _drawing(discovery)
-    width, height = _size(drawing)
+    drawing = _graph_drawing(discovery)
+    width, height = _figure_size(drawing)
     with axes_for(ax, width=width, height=height) as axes:
         low, high = drawing.corners
-        inch = _inches(drawing) if ax is None else float(min(axes_inches(axes) / (high - low)))
+        inch = _inches_per_link(drawing) if ax is None else float(min(axes_inches(axes) / (high - low)))
         axes.set_aspect("equal")
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.axis("off")
@@ -197,25 +197,25 @@ def graph(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) 
 
 def graph_figure(discovery: Discovery) -> Figure:
     """The graph on a figure of its own, as large as the structure asks for."""
-    width, height = _size(_drawing(discovery))
+    width, height = _figure_size(_graph_drawing(discovery))
     with sheet(width=width, height=height) as (figure, [axes]):
         graph(discovery, legend=False, ax=axes)
         axes.set_title("")
         style.heading(figure, wrapped(headline(discovery)[0], width))
-        handles = _legend_handles(_drawing(discovery).edges)
+        handles = _legend_handles(_graph_drawing(discovery).edges)
         columns = max(1, min(len(handles), int(width / 1.35)))
         figure.legend(handles=handles, loc=BELOW, ncols=columns)
     return figure
 
 
-def _drawing(discovery: Discovery) -> Drawing:
-    bodies, rods = _bodies(discovery)
-    edges, fixed = _edges(discovery, bodies)
+def _graph_drawing(discovery: Discovery) -> Drawing:
+    bodies, rods = _bodies_of(discovery)
+    edges, fixed = _edges_of(discovery, bodies)
     lines = (*((edge.first, edge.second) for edge in edges), *rods)
     return Drawing(bodies, rods, edges, fixed, node_positions(len(bodies) + len(fixed), lines))
 
 
-def _bodies(discovery: Discovery) -> tuple[list[str], list[tuple[int, int]]]:
+def _bodies_of(discovery: Discovery) -> tuple[list[str], list[tuple[int, int]]]:
     """Masses, and points of hosts that a link ends at, with the pairs of points that a host joins."""
     structure = discovery.structure
     ends = {end for link in structure.links for end in link.between}
@@ -229,7 +229,7 @@ def _bodies(discovery: Discovery) -> tuple[list[str], list[tuple[int, int]]]:
     return names, rods
 
 
-def _edges(discovery: Discovery, bodies: Sequence[str]) -> tuple[list[Edge], list[str]]:
+def _edges_of(discovery: Discovery, bodies: Sequence[str]) -> tuple[list[Edge], list[str]]:
     """Links, then dropped links that are in doubt; and what each node behind the bodies is, ground or base."""
     index = {name: number for number, name in enumerate(bodies)}
     fixed: list[str] = []
@@ -266,14 +266,14 @@ def _dropped_in_doubt(discovery: Discovery) -> list[tuple[str, str]]:
     return dropped
 
 
-def _size(drawing: Drawing) -> tuple[float, float]:
+def _figure_size(drawing: Drawing) -> tuple[float, float]:
     """Width and height in inches of a figure that has room for the drawing, its title and its legend."""
     low, high = drawing.corners
-    width, height = np.maximum((high - low) * _inches(drawing), (5.0, 1.3))
+    width, height = np.maximum((high - low) * _inches_per_link(drawing), (5.0, 1.3))
     return float(width), float(height) + 1.1
 
 
-def _inches(drawing: Drawing) -> float:
+def _inches_per_link(drawing: Drawing) -> float:
     """How long a link of length 1 is drawn on a figure of its own."""
     low, high = drawing.corners
     span = high - low
@@ -300,23 +300,23 @@ def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
             aside = np.array([a[1] - b[1], b[0] - a[0]]) / max(hypot(*(b - a)), 1e-9)
             offset = 0.1 * (pairs[:number].count(pairs[number]) - 0.5 * (parallel - 1)) * aside
             a, b = a + offset, b + offset
-        width = _width(edge, stiffnesses)
+        width = _edge_width(edge, stiffnesses)
         dashes = (0, (_DASH / width, _LABEL_GAP / width))  # matplotlib counts in line widths
         style = ":" if not edge.selected else "-" if edge.certain else dashes
         ends = np.stack([a, b], axis=1)
-        axes.plot(*ends, color=_color(edge), ls=style, lw=width, solid_capstyle="round", zorder=1)
+        axes.plot(*ends, color=_edge_color(edge), ls=style, lw=width, solid_capstyle="round", zorder=1)
         if labelled and edge.selected:
             x, y = 0.5 * (a + b)
             text = edge.kind.replace(" ", "\n") + ("?" if edge.doubtful_term else "")
             box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.85}
-            axes.text(x, y, text, color=_color(edge), fontsize=7, zorder=4, bbox=box, **_CENTRED)
+            axes.text(x, y, text, color=_edge_color(edge), fontsize=7, zorder=4, bbox=box, **_CENTRED)
 
 
-def _color(edge: Edge) -> str:
+def _edge_color(edge: Edge) -> str:
     return _COLORS.get(edge.kind, _OTHER_KIND) if edge.selected else MEASURED
 
 
-def _width(edge: Edge, stiffnesses: Sequence[float]) -> float:
+def _edge_width(edge: Edge, stiffnesses: Sequence[float]) -> float:
     """Width in points: the wider, the stiffer, in equal steps a decade."""
     thin, thick = _WIDTHS
     if not (edge.selected and edge.stiffness > 0.0):
@@ -358,7 +358,7 @@ def _draw_bodies(axes: Axes, discovery: Discovery, drawing: Drawing, inch: float
         beside = [] if fits else [literal(name)]
         if inch >= _AMOUNTS and is_mass:
             turns = name in discovery.structure.rotations
-            beside.append(f"{masses[number]:.3g} kg m²" if turns else _amount(float(masses[number])))
+            beside.append(f"{masses[number]:.3g} kg m²" if turns else _mass_text(float(masses[number])))
         angle = _free_direction(number, positions)
         reach, side = radii[number] + 0.13, cos(angle)
         aligned = "center" if abs(side) < 0.4 else "left" if side > 0.0 else "right"
@@ -367,7 +367,7 @@ def _draw_bodies(axes: Axes, discovery: Discovery, drawing: Drawing, inch: float
         axes.text(x, y, "\n".join(beside), **{**_CENTRED, "ha": aligned, **look})
 
 
-def _amount(kilograms: float) -> str:
+def _mass_text(kilograms: float) -> str:
     """A mass as people write it: 10 g, 1.5 kg, 20 Mg."""
     factor, unit = (1.0, "kg") if 1.0 <= kilograms < 1000.0 else scale(1000.0 * kilograms, "g")
     return f"{kilograms * factor * (1.0 if unit == 'kg' else 1000.0):.3g} {unit}"
@@ -388,7 +388,7 @@ def _free_direction(number: int, positions: Floats) -> float:
 
 
 def _legend_handles(edges: Sequence[Edge]) -> list[Line2D]:
-    colors = {edge.kind: _color(edge) for edge in edges if edge.selected}
+    colors = {edge.kind: _edge_color(edge) for edge in edges if edge.selected}
     handles = [Line2D([], [], color=color, lw=2.5, label=label(kind)) for kind, color in colors.items()]
     if any(edge.selected and not edge.certain for edge in edges):
         handles.append(Line2D([], [], color=TRUE, ls=(0, (4, 2.5)), label="in doubt"))

@@ -39,7 +39,7 @@ from linkwise.report.result_folder import ResultFolder, Section, csv_table
 from linkwise.report.result_page import Head, sectioned
 
 
-def _sections(result: Answer) -> dict[str, Section]:
+def _comparison_sections(result: Answer) -> dict[str, Section]:
     """The sections of a comparison by the names of their figures."""
     plain, sections = without_intervals(result), {}
     if isinstance(result, AbsorptionIntervals):
@@ -66,12 +66,12 @@ def _sections(result: Answer) -> dict[str, Section]:
     return sections
 
 
-def _head(result: Answer) -> Head:
+def _comparison_head(result: Answer) -> Head:
     plain = without_intervals(result)
     return Head(headline(plain), plain.with_sinks.structure, plain.findings)
 
 
-def _write_map(swept: AbsorptionMap, folder: Path) -> None:
+def _write_map_data(swept: AbsorptionMap, folder: Path) -> None:
     """map.csv: a line for every point of the grid, the swept parameters first."""
     grids = np.meshgrid(*(axis.values for axis in swept.axes), indexing="ij")
     names = [axis.name for axis in swept.axes] + [quantity.name for quantity in swept.quantities]
@@ -102,7 +102,7 @@ def _write_data(result: Answer, folder: Path) -> None:
 
 
 _FOLLOWING = ("find the coefficients and masses at which the sinks absorb best (design).",)
-ABSORPTION_FOLDER = sectioned(ABSORPTION, _head, _sections, _FOLLOWING, _write_data)
+ABSORPTION_FOLDER = sectioned(ABSORPTION, _comparison_head, _comparison_sections, _FOLLOWING, _write_data)
 """What `absorb` hands over of a comparison."""
 
 MAP_FOLDER: ResultFolder[AbsorptionMap] = sectioned(
@@ -110,7 +110,7 @@ MAP_FOLDER: ResultFolder[AbsorptionMap] = sectioned(
     lambda swept: Head(map_headline(swept), swept.structure, swept.findings),
     lambda swept: {"map": Section("Map", rows=map_rows(swept), figure=partial(map_figure, swept))},
     _FOLLOWING,
-    _write_map,
+    _write_map_data,
 )
 """What `absorb` hands over of a sweep."""
 

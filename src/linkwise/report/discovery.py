@@ -44,6 +44,31 @@ from linkwise.verdict import admit_intervals
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
 
 
+def links_of(reported: Reported[Discovery]) -> Reported[Estimate]:
+    """The estimate of a discovery, with the truth under the names of the discovered links."""
+    discovery, truth = reported.result, reported.truth
+    aligned = None if truth is None else align_truth(discovery.structure, truth)
+    return Reported(discovery.estimate, aligned, reported.nmse)
+
+
+def discovery_figures(reported: Reported[Discovery]) -> dict[str, Section]:
+    """All sections with a figure, by the name of its files: those of the discovery, then those of its estimate."""
+    return {**_sections(reported), **estimate_figures(links_of(reported))}
+
+
+def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]) -> str:
+    """The page as self-contained HTML; `pictures` are those that `write_figures` made of `discovery_figures`."""
+    discovery = reported.result
+    return rendered(
+        "discovery.html.jinja",
+        **page_parts(links_of(reported), pictures, discovery.grade),
+        discovery=discovery,
+        headline=headline(discovery),
+        remarks=all_remarks(discovery),
+        lead=_sections(reported),
+    )
+
+
 def _sections(reported: Reported[Discovery]) -> dict[str, Section]:
     """What stands before the links, by the names of figures."""
     discovery = reported.result
@@ -89,31 +114,6 @@ def _comparison(discovery: Discovery, truth: Structure) -> Section:
 
 def _capitalised(title: str) -> str:
     return title[:1].upper() + title[1:]
-
-
-def links_of(reported: Reported[Discovery]) -> Reported[Estimate]:
-    """The estimate of a discovery, with the truth under the names of the discovered links."""
-    discovery, truth = reported.result, reported.truth
-    aligned = None if truth is None else align_truth(discovery.structure, truth)
-    return Reported(discovery.estimate, aligned, reported.nmse)
-
-
-def discovery_figures(reported: Reported[Discovery]) -> dict[str, Section]:
-    """All sections with a figure, by the name of its files: those of the discovery, then those of its estimate."""
-    return {**_sections(reported), **estimate_figures(links_of(reported))}
-
-
-def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]) -> str:
-    """The page as self-contained HTML; `pictures` are those that `write_figures` made of `discovery_figures`."""
-    discovery = reported.result
-    return rendered(
-        "discovery.html.jinja",
-        **page_parts(links_of(reported), pictures, discovery.grade),
-        discovery=discovery,
-        headline=headline(discovery),
-        remarks=all_remarks(discovery),
-        lead=_sections(reported),
-    )
 
 
 def _rows(discovery: Discovery) -> list[tuple[str, ...]]:

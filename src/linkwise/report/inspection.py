@@ -34,6 +34,17 @@ from linkwise.report.result_page import Head, sectioned
 PICTURED = 8  # records with figures; the others have their table
 
 
+def inspection_sections(result: Inspection) -> dict[str, Section]:
+    """All sections by the names of their files, those of one record among several with its number, as `histories_2`."""
+    sections = {} if result.levels is None else _of_levels(result.levels)
+    if items := [alert_text(result, alert) for alert in result.alerts]:
+        sections["alerts"] = Section("Alerts", items=items)
+    for number in range(len(result.records)):
+        end = "" if len(result.records) == 1 else f"_{number + 1}"
+        sections |= {f"{name}{end}": section for name, section in _of_record(result, number).items()}
+    return sections
+
+
 def _of_levels(levels: LevelComparison) -> dict[str, Section]:
     """What several levels show, by the names of figures."""
     title, figure = "Modes", None
@@ -107,17 +118,6 @@ _PICTURES: dict[str, tuple[str, str, Callable[[Inspection, int], Figure]]] = {
     ),
 }
 """Title, text and figure of what is drawn of each of the first records, by the names of figures."""
-
-
-def inspection_sections(result: Inspection) -> dict[str, Section]:
-    """All sections by the names of their files, those of one record among several with its number, as `histories_2`."""
-    sections = {} if result.levels is None else _of_levels(result.levels)
-    if items := [alert_text(result, alert) for alert in result.alerts]:
-        sections["alerts"] = Section("Alerts", items=items)
-    for number in range(len(result.records)):
-        end = "" if len(result.records) == 1 else f"_{number + 1}"
-        sections |= {f"{name}{end}": section for name, section in _of_record(result, number).items()}
-    return sections
 
 
 def _head(inspection: Inspection) -> Head:

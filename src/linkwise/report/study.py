@@ -112,11 +112,11 @@ def study_page(report: StudyReport, illustrations: Mapping[str, Sequence[Mapping
         conventions=[(name, name.removeprefix("classical, ")) for name in comparison.classical],
         meanings={name: _meaning(report.study, name) for name in comparison.classical},
         percent=percent,
-        reasons=_reasons(comparison),
+        reasons=_explanations(comparison),
         coverages=_coverages(table),
         illustrations=illustrations,
-        missing=_missing(table),
-        failures=_failures(table),
+        missing=_missing_cells(table),
+        failures=_cases_without_answer(table),
         seconds=sum(row.seconds for cell in table.cells for row in cell.answers),
         near=NEAR,
         spread=[round(100 * part) for part in SPREAD],
@@ -133,7 +133,7 @@ def percent(value: float | None) -> str:
     return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
 
 
-def _reasons(comparison: Table2) -> list[tuple[str, str]]:
+def _explanations(comparison: Table2) -> list[tuple[str, str]]:
     best, classical = comparison.best, comparison.classical
     explained = [(cell.where, best and explanation(cell, best, classical)) for cell in comparison.cells]
     return [(where, text) for where, text in explained if text]
@@ -146,7 +146,7 @@ def _meaning(study: Study, method: str) -> str:
     return f"{meaning}; {REGRESSORS.lookup(how['regressor']).title}; {_READING[how['reading']]}"
 
 
-def _missing(table: StudySummary) -> list[str]:
+def _missing_cells(table: StudySummary) -> list[str]:
     """What was not run or not to the end, by noise level and method."""
     sentences = []
     for method in table.methods:
@@ -159,7 +159,7 @@ def _missing(table: StudySummary) -> list[str]:
     return sentences
 
 
-def _failures(table: StudySummary) -> list[str]:
+def _cases_without_answer(table: StudySummary) -> list[str]:
     """Cases without an answer by method and reason: how many, and where."""
     failed: dict[tuple[str, str], list[tuple[Cell, int]]] = {}
     for cell in table.cells:

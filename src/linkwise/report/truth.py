@@ -28,10 +28,10 @@ def compared(result: object, truth: Structure) -> dict[str, Any]:
 def _force_errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
     """The NMSE of the force of each link in %, None where the record does not determine it."""
     links = (link for link in estimate.structure.links if link.name not in estimate.structure.modes)
-    return {link.name: _error(truth.link(link.name), link, estimate.record) for link in links}
+    return {link.name: _force_error(truth.link(link.name), link, estimate.record) for link in links}
 
 
-def _error(true: Link, identified: Link, record: Record) -> float | None:
+def _force_error(true: Link, identified: Link, record: Record) -> float | None:
     try:
         return nmse(true, identified, record)
     except RecordError:  # an end without displacement, or a force that does not vary

@@ -113,7 +113,7 @@ class HarmonicBalance(PeriodicEquations):
                 yield _Tree(number, first, state, values, by_d, by_v, tuple(by_states))
             first += len(names)
 
-    def _moved(self, unknowns: Floats, basis: Floats, slopes: Floats) -> tuple[Floats, Floats, Floats]:
+    def _motion_by(self, unknowns: Floats, basis: Floats, slopes: Floats) -> tuple[Floats, Floats, Floats]:
         """Displacements, velocities (M, n) and states (M, S) where harmonics and their derivatives are these."""
         coefficients, count = self._coefficients(unknowns), self.structure.size
         x, v = basis @ coefficients[:count].T, unknowns[-1] * slopes @ coefficients[:count].T
@@ -123,7 +123,7 @@ class HarmonicBalance(PeriodicEquations):
         """What the balance of each harmonic lacks, and its Jacobian."""
         phases, basis, slopes, weights = self._grid
         structure, omega, count = self.structure, float(unknowns[-1]), self.structure.size
-        x, v, states = self._moved(unknowns, basis, slopes)
+        x, v, states = self._motion_by(unknowns, basis, slopes)
         base, speed = self.base(omega, phases)
         order = self.drive.order
         d, rate = structure.elongations(x, base), structure.elongations(v, speed)
@@ -175,7 +175,7 @@ class HarmonicBalance(PeriodicEquations):
     def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
         """(samples + 1, N) the motion over a period, its end included."""
         _, basis, slopes = _harmonics_at(self.harmonics, samples)
-        motion = np.hstack(self._moved(unknowns, basis, slopes))
+        motion = np.hstack(self._motion_by(unknowns, basis, slopes))
         return np.concatenate([motion, motion[:1]])
 
     def at_rest(self, x: Floats, omega: float) -> Floats:
@@ -208,7 +208,7 @@ class HarmonicBalance(PeriodicEquations):
     def _monodromy(self, unknowns: Floats) -> Floats:
         phases, basis, slopes = _harmonics_at(self.harmonics, _STABILITY, 0.5)
         structure, omega, count = self.structure, float(unknowns[-1]), self.structure.size
-        x, v, states = self._moved(unknowns, basis, slopes)
+        x, v, states = self._motion_by(unknowns, basis, slopes)
         base, speed = self.base(omega, phases)
         size = 2 * count + self._states
         change = np.zeros((_STABILITY, size, size))

@@ -216,7 +216,7 @@ class _Shown:
     def branch(self, curve: Curve) -> Branch:
         """The branch of a curve."""
         equations, points = curve.equations, [point for point, _ in curve.points]
-        shown = [self._of(equations, point) for point in points]
+        shown = [self._motion_at(equations, point) for point in points]
         return Branch(
             hz=np.array([point.parameter for point in points]) / (2.0 * np.pi),
             amplitude=np.array([motion.amplitude for motion in shown]),
@@ -229,7 +229,7 @@ class _Shown:
             mean=np.array([motion.mean for motion in shown]),
         )
 
-    def _of(self, equations: PeriodicEquations, point: Point) -> _ShownMotion:
+    def _motion_at(self, equations: PeriodicEquations, point: Point) -> _ShownMotion:
         """The motion at a point of a curve, which is kept: peaks are looked for in it, channel by channel."""
         if id(point) not in self._kept:
             motion, structure = equations.motion(point.unknowns), self.asked.structure
@@ -248,7 +248,7 @@ class _Shown:
         return curve
 
     def _amplitude(self, equations: PeriodicEquations, column: int, point: Point) -> float:
-        return float(self._of(equations, point).amplitude[column])
+        return float(self._motion_at(equations, point).amplitude[column])
 
     def irregular(self, motions: Sequence[IrregularMotion]) -> tuple[Irregular, ...]:
         """Irregular motions in the channels, those of a kind at one frequency together."""

@@ -246,44 +246,44 @@ class Response(JudgedView):
             "units": {channel: unit_in(self.structure, channel) for channel in self.channels},
             "draws": self.draws,
             "findings": list(self.findings),
-            "levels": [{size: level.size, **self._level(level)} for level in self.levels],
+            "levels": [{size: level.size, **self._level_document(level)} for level in self.levels],
             **({} if self.measured is None else {"measured": self.measured.to_list(self.channels, size)}),
             "seconds": self.seconds,
         }
 
-    def _level(self, level: ResponseLevel) -> dict[str, Any]:
+    def _level_document(self, level: ResponseLevel) -> dict[str, Any]:
         branches = [
             {"turns": branch.turns, "points": [self._point(branch, k) for k in range(len(branch.hz))]}
             for branch in level.branches
         ]
         irregular = [
-            {**vars(motion), "lower": self._named(motion.lower), "upper": self._named(motion.upper)}
+            {**vars(motion), "lower": self._by_channel(motion.lower), "upper": self._by_channel(motion.upper)}
             for motion in level.irregular
         ]
         return {"branches": branches, "folds_hz": level.folds_hz, "irregular": irregular}
 
-    def _named(self, values: Floats) -> dict[str, float]:
+    def _by_channel(self, values: Floats) -> dict[str, float]:
         return dict(zip(self.channels, np.asarray(values).tolist(), strict=True))
 
     def _point(self, branch: Branch, number: int) -> dict[str, Any]:
         harmonic = branch.first_harmonic[number]
         point: dict[str, Any] = {
             "hz": float(branch.hz[number]),
-            "amplitude": self._named(branch.amplitude[number]),
-            "first_harmonic": self._named(np.abs(harmonic)),
-            "phase_deg": self._named(np.degrees(np.angle(harmonic))),
+            "amplitude": self._by_channel(branch.amplitude[number]),
+            "first_harmonic": self._by_channel(np.abs(harmonic)),
+            "phase_deg": self._by_channel(np.degrees(np.angle(harmonic))),
             "stable": bool(branch.stable[number]),
             "largest_multiplier": float(branch.largest_multiplier[number]),
         }
         if branch.mean is not None:
-            point["mean"] = self._named(branch.mean[number])
+            point["mean"] = self._by_channel(branch.mean[number])
         if branch.bifurcations[number]:
             point["bifurcation"] = branch.bifurcations[number]
         if branch.outside:
             point["outside_range"] = branch.outside[number]
         if branch.lower is not None and branch.upper is not None:
-            point["lower"] = self._named(branch.lower[number])
-            point["upper"] = self._named(branch.upper[number])
+            point["lower"] = self._by_channel(branch.lower[number])
+            point["upper"] = self._by_channel(branch.upper[number])
         return point
 
     def __str__(self) -> str:

@@ -156,7 +156,7 @@ def bandwidth(
     if incomplete.size:
         which = names[incomplete[0]] if names else f"column {incomplete[0]}"
         raise RecordError(
-            f"the bandwidth of {which} cannot be estimated: it has no {_block(_channels(samples))} consecutive samples "
+            f"the bandwidth of {which} cannot be estimated: it has no {_block_length(_channels(samples))} consecutive samples "
             "without a gap; select a longer complete piece with record.between",
             arguments=("earliest", "latest"),
         )
@@ -170,7 +170,7 @@ def noise_and_bandwidth(
     (NaN), and from `bandwidth`, NaN without a complete block.
     """
     channels = _channels(samples)
-    spectra = _spectra(channels, _block(channels))
+    spectra = _spectra(channels, _block_length(channels))
     sigma = np.full(len(channels), np.nan) if stated is None else np.array(stated, dtype=float)
     if not np.isfinite(sigma).all():
         sigma = np.where(np.isfinite(sigma), sigma, _sigma(channels, spectra))
@@ -186,7 +186,7 @@ def _channels(samples: ArrayLike) -> Floats:
     return np.ascontiguousarray(np.atleast_2d(values.T))
 
 
-def _block(channels: Floats) -> int:
+def _block_length(channels: Floats) -> int:
     """Samples in a block for the bandwidth: a power of two, at most a third of the record."""
     return int(min(256, 2 ** int(np.log2(max(channels.shape[1] // 3, 16)))))
 
@@ -201,7 +201,7 @@ def _sigma(channels: Floats, computed: BlockSpectra | None) -> Floats:
             break
         reusable = computed is not None and computed.block == block and pending.all()
         spectra = computed if computed is not None and reusable else _spectra(channels[pending], block)
-        sigma[pending] = np.sqrt(_levels(spectra, fewest))
+        sigma[pending] = np.sqrt(_spectral_levels(spectra, fewest))
     for channel in np.flatnonzero(np.isnan(sigma)):
         present = np.isfinite(channels[channel])
         every = sampled_every(present)
@@ -227,7 +227,7 @@ def _across_gaps(samples: Floats) -> float:
     return float(np.sqrt(_noise_level(power[:, None], min(_GAP_CELL, len(power) // 4))))
 
 
-def _levels(spectra: BlockSpectra, fewest: int) -> Floats:
+def _spectral_levels(spectra: BlockSpectra, fewest: int) -> Floats:
     """Noise power (C,) of each channel, NaN with fewer than `fewest` complete blocks."""
     level = np.full(len(spectra.cells), np.nan)
     for channel, cells in enumerate(spectra.cells):

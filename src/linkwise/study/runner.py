@@ -119,10 +119,10 @@ class _Queue:
         lasting = self._executor.batch_seconds * self.done / max(self._worked, 1e-9)
         most = int(min(lasting, len(self._pending) / (_BATCHES_LEFT * slots)))
         while self._pending and len(self.running) < slots:
-            cases = self._next(most)
+            cases = self._next_batch(most)
             self.running[self._executor.submit(CaseBatch(self._text, cases))] = cases
 
-    def _next(self, most: int) -> tuple[Case, ...]:
+    def _next_batch(self, most: int) -> tuple[Case, ...]:
         """The next cases, so many at `most` and one at least; one at which a worker died goes by itself."""
         chosen = [self._pending.popleft()]
         while len(chosen) < most and self._pending and not {chosen[0], self._pending[0]} & {*self._deaths}:
