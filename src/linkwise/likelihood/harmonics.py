@@ -215,9 +215,10 @@ class Lines:
         """
         if not tells_time(optimum.segments, self.records):
             return
-        forces = _columns(optimum, self.records, self.forces)
-        for k, mass in enumerate(forces.second.tolist()):
-            yield Added(Hypothesis(HARMONIC, ""), [(-1, mass, forces.along[:, k])], unit=1.0)
+        for force in self.forces:
+            waves = _columns(optimum, self.records, [force]).along
+            for k in range(waves.shape[1]):
+                yield Added(Hypothesis(HARMONIC, ""), [(-1, force.number, waves[:, k])], unit=1.0)
         time, owner = _times(optimum.segments, self.records)
         for frequency, channel in self.hums:
             for wave in _waves(frequency, time, owner, len(self.records)):

@@ -42,6 +42,7 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.expression import symbols
 from linkwise.likelihood.fit import CostShape, LikelihoodFit, inflation_beside_others
+from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
@@ -58,8 +59,7 @@ _EXHAUSTED = AnnealingSchedule.max_steps  # steps after which a search was taken
 _DISTANCE = 2.0  # standard errors
 # of annealing in each direction; a tenth of the cost there is 2.5 % of the rise that is expected at two standard errors
 _QUICK = AnnealingSchedule(tolerance=0.1, max_steps=60)
-_LOOSENED = 1e3  # times the last q: annealing starts from here once parameters were moved
-_LOOSEST = 1e-2
+_LOOSENED = 1e-2  # relaxation from which laws are tightened once parameters were moved
 _IRREGULAR = 4.0  # factor on the rise of the cost beyond which it is not quadratic
 _IRREGULAR_UNCONVERGED = 100.0  # the same where annealing did not converge: the rise is then an upper bound
 _WEAKEST = 2  # directions that the record determines least
@@ -321,7 +321,11 @@ def rise_of(
 def refitted(
     optimum: Optimum, point: Iterate, is_fixed: Bools, schedule: AnnealingSchedule | None = None
 ) -> AnnealingFit:
-    """The orbit fitted again from loosened links, those parameters unchanged that `is_fixed` (p,) marks."""
+    """The orbit fitted again, those parameters unchanged that `is_fixed` (p,) marks.
+
+    It is found from loosened links, but in a long record: somewhere in it these would lead states to another optimum than
+    that of the fit, which costs more than the parameters.
+    """
     system, q = optimum.segments.system, optimum.q
     lower = np.where(is_fixed, point.theta, system.parameters.lower)
     upper = np.where(is_fixed, point.theta, system.parameters.upper)
@@ -331,7 +335,7 @@ def refitted(
     schedule = schedule or AnnealingSchedule()
     return Annealer()(
         misfit.at(replace(point, theta=np.clip(point.theta, lower, upper))),
-        replace(schedule, initial_q=max(q, min(_LOOSENED * q, _LOOSEST)), final_q=q),
+        replace(schedule, initial_q=q if is_long(optimum.segments) else max(q, _LOOSENED), final_q=q),
     )
 
 

@@ -214,10 +214,10 @@ class TestedColumns:
         owners = [owner for owner, *_ in (*forces, *samples)]
         ends, channels = (np.array([place for _, place, _ in columns]) for columns in (forces, samples))
         candidates, errors = None, None
+        if samples:  # which follow each other in memory, so that forces find room where they were
+            errors = SensorErrors(channels, _beside_each_other(samples, float))
         if forces:
             candidates = CandidateForces(ends[:, 0], ends[:, 1], _beside_each_other(forces, np.float32))
-        if samples:
-            errors = SensorErrors(channels, _beside_each_other(samples, float))
         return cls(hypotheses, np.array(units), candidates, errors, owners)
 
     @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite; results are checked
