@@ -482,8 +482,8 @@ def _with_determinants(
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
 def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
-    """The causes that chance hardly gives, and what is not told apart from the likeliest of them, as large as the first order
-    describes.
+    """The causes that chance hardly gives, as large as the first order describes, and where the likeliest is no term or link
+    those of these that are not told apart from it.
     """
     optimum, tests, causes, others = fit.optimum, tested.tests, list[Cause](), list[Cause]()
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
@@ -523,8 +523,9 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
         cause = replace(_with_changes(cause, fit, tests.changes[:, number]), rivals=names)
         is_beyond = cause.gain > limit or ((is_filter or masses[number]) and cause.shift > _SHIFTED)
         (causes if is_beyond else others).append(cause)
-    first = max((cause.gain for cause in causes), default=np.inf)
-    return (*causes, *(cause for cause in others if cause.term and cause.gain > first - DISTINCT))
+    first = max(causes, key=lambda cause: cause.gain, default=None)
+    least = first.gain - DISTINCT if first is not None and first.is_instrument else np.inf
+    return (*causes, *(cause for cause in others if cause.term and cause.gain > least))
 
 
 def _are_rivals(tested: TestedCauses, fit: LikelihoodFit, number: int, gains: Floats) -> Bools:
