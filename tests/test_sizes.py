@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34892  # lines of all files of tests
+TESTS = 34977  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1932),
     "identification": (12, 2354),
     "inspection": (9, 1846),
-    "likelihood": (64, 13588),
+    "likelihood": (65, 13571),
     "modal": (5, 840),
     "model": (16, 2962),
     "paper": (3, 358),

@@ -15,6 +15,7 @@ from within import assert_within
 import linkwise as lw
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood import explained
+from linkwise.likelihood.admitted import distinct_error
 from linkwise.likelihood.checks.judgement import _rivals
 from linkwise.likelihood.explained import (
     _by_causes,
@@ -22,7 +23,6 @@ from linkwise.likelihood.explained import (
     _by_saturation,
     _Model,
     _with_errors,
-    distinct_error,
 )
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.terms import Drift

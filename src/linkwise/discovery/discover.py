@@ -30,11 +30,8 @@ from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.term_parameters import select_with_parameters
 from linkwise.errors import IdentificationError, options_given
 from linkwise.estimates.causes import GAIN_DRIFT, NONLINEARITY, Cause
-from linkwise.likelihood.explained import (
-    WHITE,
-    answer_with_sensors,
-    distinct_error,
-)
+from linkwise.likelihood.admitted import answer_with_sensors, distinct_error
+from linkwise.likelihood.explained import WHITE
 from linkwise.likelihood.fit import LikelihoodFit, with_denoised
 from linkwise.likelihood.harmonics import harmonic_forces, with_harmonics
 from linkwise.likelihood.options import LikelihoodOptions, errors_to_find, with_error

@@ -15,12 +15,13 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.causes import NoiseEstimate, unseen_remark
 from linkwise.estimates.estimate import Estimate, Estimator
+from linkwise.likelihood.admitted import answer_with_sensors
 from linkwise.likelihood.checks.horizons import over_horizons
 from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
-from linkwise.likelihood.explained import answer_with_sensors, beside_exchange, explained_answer
+from linkwise.likelihood.explained import beside_exchange, explained_answer
 from linkwise.likelihood.fit import (
     LikelihoodFit,
     likelihood_fit,

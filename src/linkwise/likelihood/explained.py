@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from time import process_time
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from linkwise.estimates.causes import (
 )
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
-from linkwise.likelihood.checks.judgement import LARGEST_SHIFT
+from linkwise.likelihood.admitted import are_rivals, distinct_error
 from linkwise.likelihood.checks.recording import (
     EXCHANGES,
     copied_samples,
@@ -46,14 +46,10 @@ from linkwise.likelihood.checks.recording import (
     likeliest_errors,
 )
 from linkwise.likelihood.checks.slips import slips
-from linkwise.likelihood.delays import Search, with_delays
-from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.harmonics import MAY_FADE, harmonic_forces
 from linkwise.likelihood.options import (
-    OF_FORCE,
     LikelihoodOptions,
     is_admissible,
-    require_known_kinds,
     with_error,
 )
 from linkwise.likelihood.random_forces import ALL, noise_of_channels, random_forces
@@ -115,16 +111,6 @@ ENDED_EARLY = (
 Rung = TypeVar("Rung")
 
 
-class Diagnosed(Protocol):
-    """An answer with a diagnosis of what it leaves."""
-
-    @property
-    def diagnosis(self) -> tuple[Cause, ...]: ...
-
-
-Answer = TypeVar("Answer", bound=Diagnosed)
-
-
 def explained(stated: Rung, beside: Callable[[Rung], Rung | None], most: int) -> Rung:
     """The last of answers from that as stated on, each `beside` what the one before lacks, of which `most` are added.
 
@@ -137,52 +123,6 @@ def explained(stated: Rung, beside: Callable[[Rung], Rung | None], most: int) ->
             break
         current = wider
     return current
-
-
-def answer_with_sensors(
-    search: Search,
-    records: Sequence[Record],
-    options: LikelihoodOptions,
-    admitted: Sequence[str],
-    report: Callable[[LikelihoodFit, Sequence[Record]], Answer],
-) -> Answer:
-    """The `report` on the fit by `options`, at the delays and clocks which the search finds, with errors of the `admitted`
-    kinds added as long as one of them is diagnosed first.
-
-    An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, and a delay
-    that cannot be found.
-    """
-    require_known_kinds(admitted)
-    while True:
-        fit, taken = with_delays(search, records, options)
-        answer = report(fit, taken)
-        error = None if fit.interrupted else distinct_error(answer.diagnosis)
-        if error is None or error.kind.removeprefix(OF_FORCE) not in admitted:
-            return answer
-        wider = with_error(options, error, records[0])  # no error is added twice, so that there is an end
-        if wider is None:
-            return answer
-        options = wider
-
-
-def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
-    """The first error of a sensor or a force in a diagnosis that can be estimated; None where others explain as much."""
-    instruments = [cause for cause in diagnosis if cause.is_instrument and cause.kind != "input noise"]
-    if not instruments or not is_admissible(instruments[0]):
-        return None
-    first = instruments[0]
-    is_late = first.kind.endswith(("delay", CLOCK))
-    rivals = (cause for cause in diagnosis if cause is not first)
-    return None if not is_late and any(_rivals(first, rival) for rival in rivals) else first
-
-
-def _rivals(first: Cause, second: Cause) -> bool:
-    """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass, or
-    from a term that leaves other coefficients, as one that is even is like an offset of a displacement.
-    """
-    kinds = ("mass", GAIN_DRIFT, *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
-    of_laws = not second.is_instrument and max(first.shift, second.shift) > LARGEST_SHIFT
-    return (of_laws or second.kind in kinds) and second.gain > first.gain - DISTINCT
 
 
 Answered = Callable[[Structure, LikelihoodOptions, Sequence[Record]], Estimate]
@@ -309,7 +249,7 @@ def explained_answer(
             answer = found.reported
             if _are_as_stated(answer, records[0]):
                 return answer
-            if not any(cause.rivals for cause in answer.added):
+            if not any(cause.rivals and not cause.known_within for cause in answer.added):
                 return replace(stated, alternative=answer)
         nearly = rung is _with_errors and found is not None and found.is_nearly_explained
         if found is not None and nearly and stated.grade is Grade.REFUSED:
@@ -487,7 +427,8 @@ def _by_base(first: _Model) -> _Model | None:
     freed: list[Cause] = []
     is_named = {"gain", "delay"} & {*named} and not late_beside_clocks(options.errors)
     for kind in ("gain", "delay") if is_named else ():
-        freed.append(named.get(kind, Cause(kind, base[0], 0.0, CAUSE_KINDS[kind].unit, 0.0, 0.0)))
+        cause = named.get(kind, Cause(kind, base[0], 0.0, CAUSE_KINDS[kind].unit, 0.0, 0.0))
+        freed.append(replace(cause, rivals=()))  # which are errors of sensors
         wider = with_error(options, freed[-1], record)
         if wider is None:
             return None
@@ -782,7 +723,7 @@ def _first_error(model: _Model) -> _Rung | None:
     if options.random and first.kind.endswith("delay"):
         return None  # delays are not estimated then
     if first.kind == CLOCK:  # that of an input counts as right
-        alike = [cause for cause in current.diagnosis if cause.kind == CLOCK and _rivals(first, cause)]
+        alike = [cause for cause in current.diagnosis if cause.kind == CLOCK and are_rivals(first, cause)]
         of_sensors = [cause for cause in alike if cause.where not in records[0].inputs] or alike
         rivals = dict.fromkeys(cause.where for cause in (*of_sensors, *alike))
         if len(records[0].channels) == 2:  # of which none outvotes the other
@@ -803,7 +744,7 @@ def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...
     first = next(iter(diagnosis), None)
     if first is None or first.kind != "gain" or abs(first.size) > _CALIBRATED:
         return ()
-    if any(cause.kind == GAIN_DRIFT and _rivals(first, cause) for cause in diagnosis):
+    if any(cause.kind == GAIN_DRIFT and are_rivals(first, cause) for cause in diagnosis):
         return ()
     if first.where not in record.responses or (len(record.responses) == 1 and record.inputs):
         return ()
