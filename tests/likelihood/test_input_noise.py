@@ -215,7 +215,7 @@ def test_noise_that_a_channel_shows_is_added_where_laws_leave_more(channel: str,
     assert cause.size == pytest.approx(0.03 * driven(channel, 0.0, 40).channel(channel).std(), rel=0.2)
     assert_within(fit, {"l1.k": STIFFNESS, "l1.c": DAMPING}, 4.5)
     assert fit.to_dict()["added"][0]["cause"] == "input noise"
-    assert fit.message.startswith(f"Beside noise of {channel} of ")
+    assert fit.message.startswith(f"With noise of {channel} of ")
     assert "taken into the model, the laws " in fit.message
     assert lw.identify(driven(channel, 0.03, 40), mounted(end).unknown("all"), as_stated=True).added == ()
 

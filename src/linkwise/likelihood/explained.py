@@ -173,7 +173,7 @@ class _Model:
         changes, added = self._of_open_scales, as_found(self.added, self.answer)
         covariance = self.answer.covariance + changes.T @ changes
         causes, message = " and ".join(cause.description for cause in added), self.answer.message
-        message = f"Beside {causes}, taken into the model, {message[:1].lower()}{message[1:]}"
+        message = f"With {causes} taken into the model, {message[:1].lower()}{message[1:]}"
         return replace(self.answer, added=added, covariance=covariance, message=message)
 
     @property
