@@ -413,9 +413,11 @@ def _random_inputs(
         masses, places = np.flatnonzero(np.any(pulls, axis=(0, 2))), np.arange(len(pulls))
         samples = places[::steps][np.any(pulls[::steps], axis=(1, 2))]
         shapes = sigma * np.sinc((places[:, None] - samples) / steps)  # (2 J + 1, d)
-        forces = (pulls[:, masses, None] * shapes[:, None, :, None]).reshape(len(pulls), -1, pulls.shape[2])
+        forces = [
+            (pulls[:, mass] * shape[:, None]).astype(np.float32) for mass in masses for shape in shapes.T
+        ]
         acting = np.repeat(masses, len(samples))
-        every.append(CandidateForces(np.full(len(acting), -1), acting, forces.astype(np.float32)))
+        every.append(CandidateForces(np.full(len(acting), -1), acting, forces))
         sums.append(np.tile(np.eye(len(samples)), (len(masses), 1)))
     return RandomInputs(reduce(CandidateForces.joined, every), scipy.linalg.block_diag(*sums))
 

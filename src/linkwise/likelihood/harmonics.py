@@ -158,7 +158,7 @@ def not_shown_to_go_on(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[f
         cosine, sine = _waves(hum.frequency, time, owner, len(records))[2 * number : 2 * number + 2]
         fading.append((0.5 * records[number].duration - time) * (a * cosine + b * sine))
     channels = np.array([records[0].responses.index(hum.channel) for hum, _ in hums])
-    shown = SensorErrors(channels, np.stack(fading, axis=1)) if hums else None
+    shown = SensorErrors(channels, fading) if hums else None
     rates, errors = _Unknowns.of(fit, fit.optimum, records, forces, shown, fading=True).rates
     may_fade = np.abs(rates) + 2.0 * errors > _LIGHTEST * 2.0 * np.pi * lines
     return tuple(dict.fromkeys(lines[may_fade].tolist()))
@@ -216,9 +216,8 @@ class Lines:
         if not tells_time(optimum.segments, self.records):
             return
         for force in self.forces:
-            waves = _columns(optimum, self.records, [force]).along
-            for k in range(waves.shape[1]):
-                yield Added(Hypothesis(HARMONIC, ""), [(-1, force.number, waves[:, k])], unit=1.0)
+            for wave in _columns(optimum, self.records, [force]).along:
+                yield Added(Hypothesis(HARMONIC, ""), [(-1, force.number, wave)], unit=1.0)
         time, owner = _times(optimum.segments, self.records)
         for frequency, channel in self.hums:
             for wave in _waves(frequency, time, owner, len(self.records)):
@@ -564,6 +563,5 @@ def _columns(
             columns.append(2.0 * np.pi * time * turned)
             if fading:
                 columns.append(-time * sum(a * cosine + b * sine for (a, b), cosine, sine in pairs))
-    along = np.stack(columns, axis=1) if columns else np.empty((len(time), 0, time.shape[1]))
     ends = np.repeat([force.number for force in forces], len(columns) // max(len(forces), 1)).astype(int)
-    return CandidateForces(np.full(len(ends), -1), ends, along)
+    return CandidateForces(np.full(len(ends), -1), ends, columns)

@@ -349,7 +349,7 @@ class LocalRows:
         for place, number in enumerate(group.border.tolist()):
             if self.errors is not None and self.moving <= number < self.fixed:
                 channel = int(self.errors.channel[number - self.moving])
-                values = self.errors.values[:, number - self.moving, part]
+                values = self.errors.values[number - self.moving][:, part]
                 own = int(np.searchsorted(group.channels, channel))
                 data[:, own, :, first + place] = (whiten[:, channel] * values).T
             elif number >= self.fixed:
@@ -726,7 +726,7 @@ def tested_in_pieces(
     with ThreadPoolExecutor(processors()) as executor:
         for first, last in pairwise(piece_ends(segments.linked).tolist()):
             part = slice(first, last + 1)
-            some = None if errors is None else replace(errors, values=errors.values[..., part])
+            some = errors and replace(errors, values=[values[:, part] for values in errors.values])
             piece = misfit.part(part, piece_between(segments, first, last))
             linear = linearise(piece, executor, candidates.part(part), some)
             left = but_the_last(linear.equations(q), left).factor()

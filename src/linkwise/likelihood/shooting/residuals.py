@@ -461,10 +461,10 @@ def _at_samples(
 
 @dataclass(frozen=True, eq=False)
 class SensorErrors:
-    """c errors of unit size: `channel` (c,), and `values` (M, c, K) what each adds to its samples."""
+    """c errors of unit size: `channel` (c,), and c `values` (M, K), what each adds to its samples."""
 
     channel: Indices
-    values: Floats
+    values: Sequence[Floats]
 
 
 def shown_motion(misfit: Misfit) -> list[Shown]:

@@ -47,24 +47,24 @@ class CandidateForces:
     first, second : array of int, shape (c,)
         The masses on which the force acts, negative on the first; -1 and -2 for none, points of hosts from -3 down, and below
         these moving coordinates, whose acceleration in m/s^2 acts on all masses.
-    along : array of shape (2 J + 1, c, K)
+    along : sequence of c arrays of shape (2 J + 1, K)
         Forces of unit size in N at the ends of J steps and in their middles, in turn.
     """
 
     first: Indices
     second: Indices
-    along: Floats | Single
+    along: Sequence[Floats | Single]
 
     def part(self, segments: slice) -> CandidateForces:
         """The forces in some segments."""
-        return CandidateForces(self.first, self.second, self.along[..., segments])
+        return CandidateForces(self.first, self.second, [one[:, segments] for one in self.along])
 
     def joined(self, others: CandidateForces) -> CandidateForces:
         """These forces and, after them, `others`."""
         return CandidateForces(
             np.append(self.first, others.first),
             np.append(self.second, others.second),
-            np.concatenate([self.along, others.along], axis=1, dtype=np.float32),
+            [*self.along, *others.along],
         )
 
 
@@ -165,8 +165,10 @@ class TangentForces:
                 modes = np.flatnonzero(shape) if len(at_point) else np.empty(0, int)
                 moved += [(np.full(len(at_point), mode), at_point, shape[mode]) for mode in modes]
             for moving, which, weight in moved:
+                if not len(which):
+                    continue
                 factor = ((sign * weight / masses[moving])[:, None] * self.step**2).astype(np.float32)
-                change = candidates.along[:, which]
+                change: Floats = np.stack([candidates.along[number] for number in which.tolist()], axis=1)
                 change *= factor
                 self.on_masses.append((moving, first + which, change.astype(np.float32, copy=False)))
 
@@ -483,7 +485,7 @@ def changes_of_forces(misfit: Misfit, part: slice) -> CandidateForces | None:
     changes = np.concatenate([per_gain, per_delay], axis=2)
     ends = uncertain.ends[np.concatenate([scaled, late])]
     along = input_along(changes, segments.flow_steps_per_tangent)
-    return CandidateForces(np.full(len(ends), -1), ends, along)
+    return CandidateForces(np.full(len(ends), -1), ends, [*along.transpose(1, 0, 2)])
 
 
 def add_errors_of_sensors(jacobian: Floats, misfit: Misfit, root: Floats, part: slice) -> None:
@@ -516,7 +518,8 @@ def errors_by_channel(
     for channel in np.unique(errors.channel).tolist():
         numbers = np.flatnonzero(errors.channel == channel)
         factor = factors[channel] if channel in sensors.scaled else 1.0
-        columns = whiten[:, channel, None] * (factor * errors.values[:, numbers, part])
+        values = np.stack([errors.values[number][:, part] for number in numbers.tolist()], axis=1)
+        columns = whiten[:, channel, None] * (factor * values)
         yield channel, numbers, np.ascontiguousarray(columns.transpose(2, 0, 1), np.float32)
 
 

@@ -13,7 +13,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, combinations, permutations
-from typing import Any
 
 import numpy as np
 
@@ -172,19 +171,6 @@ class Added:
         return Added(self.error, forces, samples, self.unit or 1.0 / scale)
 
 
-_Columns = list[tuple[int, Any, Floats | Single]]
-"""The number of what owns each, its place, and its values (N, K)."""
-
-
-def _beside_each_other(columns: _Columns, kind: type) -> Floats:
-    """(N, c, K) values of columns, each released once it stands there: those of a long record are most of the memory."""
-    (*_, first), count = columns[0], len(columns)
-    beside: Floats = np.empty((len(first), count, first.shape[1]), kind)
-    for number in reversed(range(count)):
-        beside[:, number] = columns.pop()[-1]
-    return beside
-
-
 @dataclass(frozen=True, eq=False)
 class TestedColumns:
     """h `hypotheses`, the `units` (h,) of their scaled sizes, and the columns of f candidate `forces` and e sensor `errors`.
@@ -204,20 +190,20 @@ class TestedColumns:
     def of(cls, every: Iterable[Added]) -> TestedColumns:
         """What errors add in their units; without those that add nothing."""
         hypotheses, units = [], []
-        forces: _Columns = []
-        samples: _Columns = []
+        forces, samples = list[tuple[int, list[int], Floats | Single]](), list[tuple[int, int, Floats]]()
         for k, one in enumerate(one.scaled for one in every if one.scale > 0.0):
             hypotheses.append(one.error)
             units.append(one.unit)
             forces += [(k, ends, values) for *ends, values in one.forces]
             samples += [(k, channel, values) for channel, values in one.samples]
         owners = [owner for owner, *_ in (*forces, *samples)]
-        ends, channels = (np.array([place for _, place, _ in columns]) for columns in (forces, samples))
         candidates, errors = None, None
-        if samples:  # which follow each other in memory, so that forces find room where they were
-            errors = SensorErrors(channels, _beside_each_other(samples, float))
         if forces:
-            candidates = CandidateForces(ends[:, 0], ends[:, 1], _beside_each_other(forces, np.float32))
+            ends = np.array([ends for _, ends, _ in forces])
+            candidates = CandidateForces(ends[:, 0], ends[:, 1], [along for *_, along in forces])
+        if samples:
+            channels = np.array([channel for _, channel, _ in samples])
+            errors = SensorErrors(channels, [values for *_, values in samples])
         return cls(hypotheses, np.array(units), candidates, errors, owners)
 
     @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite; results are checked

@@ -333,7 +333,7 @@ def candidate_forces(
     """The forces along the orbit, scaled to a root mean square of 1, and the scale factors (f,)."""
     along, units = forces_along(segments, misfit, forces)
     ends = np.array([[force.first, force.second] for force in forces], dtype=int).reshape(-1, 2)
-    return CandidateForces(ends[:, 0], ends[:, 1], along), units
+    return CandidateForces(ends[:, 0], ends[:, 1], [*along.transpose(1, 0, 2)]), units
 
 
 def forces_along(
