@@ -112,7 +112,7 @@ class Cause:
     @property
     def name(self) -> str:
         """What it is and where, without its size."""
-        return f"{self.term or self.kind} of {self.where}"
+        return f"{self.term or self.kind} of {self.where}" + (f" from {self.source}" if self.source else "")
 
     @property
     def is_instrument(self) -> bool:
@@ -180,7 +180,7 @@ class Cause:
         example = examples.get(times, "") if large and self.where.startswith("x:") else ""
         return f"{times} times too {'large' if large else 'small'}{example}"
 
-    def to_dict(self) -> dict[str, str | float]:
+    def to_dict(self) -> dict[str, str | float | list[str]]:
         """What result.json holds of it.
 
         Returns
@@ -188,15 +188,20 @@ class Cause:
         dict
             Its part of result.json.
         """
-        source: dict[str, str | float] = {"source": self.source} if self.source else {}
-        return source | {
-            "cause": self.kind if not self.term else f"term {self.term}",
-            "where": self.where,
-            "size": self.size,
-            "unit": self.unit,
-            "gain": self.gain,
-            "message": f"{self.description} would lower -2 log likelihood by {self.gain:.3g}",
-        }
+        source: dict[str, str | float | list[str]] = {"source": self.source} if self.source else {}
+        rivals: dict[str, str | float | list[str]] = {"rivals": [*self.rivals]} if self.rivals else {}
+        return (
+            source
+            | rivals
+            | {
+                "cause": self.kind if not self.term else f"term {self.term}",
+                "where": self.where,
+                "size": self.size,
+                "unit": self.unit,
+                "gain": self.gain,
+                "message": f"{self.description} would lower -2 log likelihood by {self.gain:.3g}",
+            }
+        )
 
 
 @dataclass(frozen=True)

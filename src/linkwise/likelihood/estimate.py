@@ -148,7 +148,8 @@ class MaximumLikelihood(AskedFor, Estimator):
         names a channel with more noise than is stated. For that of ``"signal:u"`` in a law intervals allow.
     admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock", "crosstalk", ...}, optional
         Errors of sensors, also ``"gain drift"`` and ``"nonlinearity"``, that are taken into the model where they are
-        significant: the fit is repeated with those that its diagnosis names.
+        significant: the fit is repeated with those that its diagnosis names, unless a term is as likely that would change
+        coefficients.
     loss : Loss, optional
         Loss of a residual: `Gaussian()` or, against outliers, `Huber()` or `Student()`.
     exact : bool

@@ -103,8 +103,8 @@ OF_HITS = "as of hits of"
 """How the remark on a force begins whose hits have too few samples to tell their impulse."""
 
 ENDED_EARLY = (
-    "Not all was tried that may explain what is left, as that takes long: state what is known of it, or take a part of the "
-    "record."
+    "The search for what explains the rest ended at its limit of processor time, and the answer is that of the laws "
+    "as stated. State errors of sensors that are known, or identify a shorter part of the record."
 )
 """What is said of an answer beside which the processor time for others came to its end."""
 
@@ -245,6 +245,8 @@ def explained_answer(
     settled = stated.fit_verdicts[0] is not Verdict.NOT_CONVERGED
     for rung in LADDER:
         found = rung(first) if settled or rung in (_by_alerts, _by_copies, _by_channel) else None
+        if process_time() > end:  # what was not tried would count as what explains nothing
+            return replace(stated, remarks=(*stated.remarks, ENDED_EARLY))
         if found is not None and found.is_explained:
             answer = found.reported
             if _are_as_stated(answer, records[0]):
@@ -254,7 +256,7 @@ def explained_answer(
         nearly = rung is _with_errors and found is not None and found.is_nearly_explained
         if found is not None and nearly and stated.grade is Grade.REFUSED:
             return found.reported
-    return stated if process_time() < end else replace(stated, remarks=(*stated.remarks, ENDED_EARLY))
+    return stated
 
 
 def _are_as_stated(answer: Estimate, record: Record) -> bool:
@@ -552,7 +554,9 @@ def beside_exchange(
     error = next(iter(likeliest_errors(records, structure)), None)
     if error is None or error.kind not in EXCHANGES:
         alike = " or ".join(one.description for one in exchanges(records, structure))
-        left = f"without {alike} the equations of motion leave far less of the record: mend that first"
+        left = (
+            f"without {alike} the equations of motion leave far less of the record: correct the record first"
+        )
         raise IdentificationError(f"{refusal}; {left}") if alike else refusal
     exchanged = [corrected(record, error) for record in records]
     try:
@@ -563,7 +567,7 @@ def beside_exchange(
     if last is None or not last.is_explained:
         raise IdentificationError(
             f"{refusal}; without {error.description} the equations of motion leave far less of the record, and more is off "
-            "beside it: mend that first"
+            "beside it: correct the record first"
         ) from refusal
     return last.reported
 
@@ -652,7 +656,7 @@ def _beside_cause(model: _Model) -> _Model | None:
         return None
     if not likeliest:
         return None
-    best, alone = likeliest[0], {cause.name for cause in tried}
+    best, alone = likeliest[0], {richer.added[-1].name for richer in likeliest}
     *before, last = best.added
     untried = tuple(rival for rival in last.rivals if rival not in alone)
     return replace(best, added=(*before, replace(last, rivals=untried)))

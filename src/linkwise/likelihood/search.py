@@ -456,7 +456,7 @@ def explained_fit(
             coloured.fit, coloured.covariance, coloured.chi_square, stated, coloured=coloured.noise
         )
     if candidate is None and unreached and fit.misfit.segments.prior is None:
-        # exact laws beside noise as large as their misfit, which is for what is known beforehand, end in other wells
+        # exact laws beside noise as large as their misfit, which is for what is known beforehand, end in other optima
         candidate = found
     if candidate is not None and candidate.exact:
         fit = with_noise_of_residuals(candidate.fit, annealer, lowest)

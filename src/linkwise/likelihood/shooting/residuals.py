@@ -333,12 +333,13 @@ class Misfit:
 
     def part(self, which: slice, segments: Segments) -> Misfit:
         """The misfit of some segments that follow each other, without clipped readings and whole costs, which are NaN."""
+        orbit = self.orbit
         return Misfit(
             segments,
             self.scales,
             self.loss,
             replace(self.point, nodes=self.point.nodes[..., which]),
-            Orbit(lambda: self.trajectories.part(which)),
+            Orbit(lambda: orbit.trajectories.part(which)),
             self.residuals[..., which],
             self.defects[..., which.start : which.stop - 1],
             *(np.nan, np.nan),
@@ -639,13 +640,13 @@ class LongerSegments:
         """The misfit of the shorter segments as one of the longer ones: the same motion, whose defects inside them count for
         nothing.
         """
-        parts = self.parts
+        parts, orbit = self.parts, shorter.orbit
         defects = shorter.defects[:, parts[:-1, -1]]
         return replace(
             shorter,
             segments=self.segments,
             point=self.point(shorter.point),
-            orbit=Orbit(lambda: shorter.trajectories.end_to_end(parts)),
+            orbit=Orbit(lambda: orbit.trajectories.end_to_end(parts)),
             residuals=_end_to_end(shorter.residuals, parts, _once(parts)),
             clipped=shorter.clipped
             and shorter.clipped.mapped(lambda values: _end_to_end(values, parts, _once(parts))),

@@ -141,7 +141,7 @@ LARGEST = 0.2  # relative error up to which the first order describes a gain, a 
 _MASS_CHANCE = 12.0  # with twice the logarithm of the number of masses: normal scores give one in 2000 fits
 _HINT = 6.25  # the same: one in 80, as of usual terms
 _USUAL_ERRORS = ("gain", GAIN_DRIFT, NONLINEARITY, "force gain", "offset", "delay", "force delay")
-_AS_LIKELY = 0.5  # of the largest gain: another mass that gains more may be the one that is off
+_SHARE_OF_LARGEST = 0.5  # of the largest gain: another mass that gains more may be the one that is off
 _FELT = 1.0  # standard errors: the least change of a coefficient of which something is said
 
 
@@ -169,13 +169,13 @@ def hinted_errors(fit: LikelihoodFit, tested: TestedCauses, beside: float = np.i
     for what, among, resemblance in (("masses", tested.stated_masses(), 0.0), ("sensors", sensors, 1.0)):
         resembled = among[shifts[among] > resemblance * np.sqrt(gains[among])]
         largest = float(np.max(gains[resembled], initial=0.0))
-        if not largest > min(_HINT + 2.0 * np.log(max(len(resembled), 1)), _AS_LIKELY * beside):
+        if not largest > min(_HINT + 2.0 * np.log(max(len(resembled), 1)), _SHARE_OF_LARGEST * beside):
             continue
         likely = list[int]()
         for k in resembled[np.argsort(-gains[resembled])].tolist():
             one, size = tested.hypotheses[k], float(tests.sizes[k] * tested.units[k])
             is_small = not CAUSE_KINDS[one.kind].relative or abs(size) < LARGEST
-            if is_small and shifts[k] > _FELT and gains[k] > _AS_LIKELY * largest:
+            if is_small and shifts[k] > _FELT and gains[k] > _SHARE_OF_LARGEST * largest:
                 cause = Cause(one.kind, one.where, size, unit_of(one, tested.structure), 0.0, 0.0)
                 words.append(cause.description)
                 likely.append(k)
@@ -315,7 +315,8 @@ def diagnose(
     terms: bool,
     beside: Beside | None = None,
 ) -> Diagnosis:
-    """The causes that are significant, that with the largest gain first; `channels` are those of the record.
+    """The causes that are significant, the likeliest first, and terms that are nearly as likely as the error of a sensor which
+    is; `channels` are those of the record.
 
     All missing terms and links are tested where `terms` is true, and where one of the others is significant, which may
     stand for one of them.
@@ -523,7 +524,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
         cause = replace(_with_changes(cause, fit, tests.changes[:, number]), rivals=names)
         is_beyond = cause.gain > limit or ((is_filter or masses[number]) and cause.shift > _SHIFTED)
         (causes if is_beyond else others).append(cause)
-    first = max(causes, key=lambda cause: cause.gain, default=None)
+    first = min(causes, key=likeliest_first, default=None)
     least = first.gain - DISTINCT if first is not None and first.is_instrument else np.inf
     return (*causes, *(cause for cause in others if cause.term and cause.gain > least))
 

@@ -428,7 +428,7 @@ class Hypothesis:
     @property
     def name(self) -> str:
         """What it is and where, as of a `Cause`."""
-        return f"{self.term or self.kind} of {self.where}"
+        return f"{self.term or self.kind} of {self.where}" + (f" from {self.source}" if self.source else "")
 
     @cached_property
     def is_usual(self) -> bool:
