@@ -141,6 +141,7 @@ LARGEST = 0.2  # relative error up to which the first order describes a gain, a 
 _MASS_CHANCE = 12.0  # with twice the logarithm of the number of masses: normal scores give one in 2000 fits
 _HINT = 6.25  # the same: one in 80, as of usual terms
 _USUAL_ERRORS = ("gain", GAIN_DRIFT, NONLINEARITY, "force gain", "offset", "delay", "force delay")
+_AS_MUCH = 0.9  # of the gain of a term: an error of a sensor that gains as much may be what is there instead
 _SHARE_OF_LARGEST = 0.5  # of the largest gain: another mass that gains more may be the one that is off
 _FELT = 1.0  # standard errors: the least change of a coefficient of which something is said
 
@@ -169,7 +170,7 @@ def hinted_errors(fit: LikelihoodFit, tested: TestedCauses, beside: float = np.i
     for what, among, resemblance in (("masses", tested.stated_masses(), 0.0), ("sensors", sensors, 1.0)):
         resembled = among[shifts[among] > resemblance * np.sqrt(gains[among])]
         largest = float(np.max(gains[resembled], initial=0.0))
-        if not largest > min(_HINT + 2.0 * np.log(max(len(resembled), 1)), _SHARE_OF_LARGEST * beside):
+        if not largest > min(_HINT + 2.0 * np.log(max(len(resembled), 1)), _AS_MUCH * beside):
             continue
         likely = list[int]()
         for k in resembled[np.argsort(-gains[resembled])].tolist():
