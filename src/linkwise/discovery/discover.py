@@ -41,7 +41,7 @@ from linkwise.likelihood.random_forces import (
     refuse_beside_random_forces,
     with_noise_of_signals,
 )
-from linkwise.likelihood.remarks import as_found
+from linkwise.likelihood.remarks import with_added
 from linkwise.likelihood.starts.memory import memory_starts
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.terms import (
@@ -213,7 +213,7 @@ def _beside_errors(
     white = (estimate.chi_square_per_sample or 0.0) < WHITE
     if not added or discovery.grade is not Grade.EXPLAINED or not white:
         return stated
-    return replace(discovery, estimate=replace(estimate, added=as_found(added, estimate)))
+    return replace(discovery, estimate=with_added(estimate, added))
 
 
 def _sensors(chosen: DiscoveryOptions, records: Sequence[Record], structure: Structure) -> LikelihoodOptions:

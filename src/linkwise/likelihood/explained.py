@@ -53,7 +53,7 @@ from linkwise.likelihood.options import (
     with_error,
 )
 from linkwise.likelihood.random_forces import ALL, noise_of_channels, random_forces
-from linkwise.likelihood.remarks import as_found
+from linkwise.likelihood.remarks import with_added
 from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.terms import (
     PPM,
@@ -170,11 +170,9 @@ class _Model:
         """Its answer, whose message begins with what was added, with sizes as they were found, and what clocks and a base
         leave open in its covariance.
         """
-        changes, added = self._of_open_scales, as_found(self.added, self.answer)
-        covariance = self.answer.covariance + changes.T @ changes
-        causes, message = " and ".join(cause.description for cause in added), self.answer.message
-        message = f"With {causes} taken into the model, {message[:1].lower()}{message[1:]}"
-        return replace(self.answer, added=added, covariance=covariance, message=message)
+        changes = self._of_open_scales
+        wider = replace(self.answer, covariance=self.answer.covariance + changes.T @ changes)
+        return with_added(wider, self.added)
 
     @property
     def is_explained(self) -> bool:

@@ -151,7 +151,15 @@ def _of_faint_modes(faint: Sequence[Name]) -> Iterator[str]:
         )
 
 
-def as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
+def with_added(answer: Estimate, added: Sequence[Cause]) -> Estimate:
+    """The answer, whose message begins with what was added to the model, with sizes as they were found."""
+    found, message = _as_found(added, answer), answer.message
+    causes = " and ".join(cause.description for cause in found)
+    message = f"With {causes} taken into the model, {message[:1].lower()}{message[1:]}"
+    return replace(answer, added=found, message=message)
+
+
+def _as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
     """What was added, with the sizes and standard errors of the answer beside it."""
     sizes = []
     for cause in added:
