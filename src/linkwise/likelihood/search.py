@@ -455,9 +455,6 @@ def explained_fit(
         return ExplainedFit(
             coloured.fit, coloured.covariance, coloured.chi_square, stated, coloured=coloured.noise
         )
-    if candidate is None and unreached and fit.misfit.segments.prior is None:
-        # exact laws beside noise as large as their misfit, which is for what is known beforehand, end in other optima
-        candidate = found
     if candidate is not None and candidate.exact:
         fit = with_noise_of_residuals(candidate.fit, annealer, lowest)
         off = _is_off(fit, lowest)
@@ -468,6 +465,10 @@ def explained_fit(
             np.square(noisier.misfit.residuals).sum(axis=2) * (noisier.scales.sigma / fit.scales.sigma) ** 2
         )
         chi_square = float(power.sum()) / freedom(fit.misfit.segments)
+        relaxed = None if found is None else _with_model_error(found, any_stated)
+        # of motion between wells, exact laws beside noise as large as their misfit may end in another optimum
+        if relaxed is not None and fit.misfit.segments.prior is None and relaxed.chi_square < chi_square:
+            return relaxed
         return ExplainedFit(
             noisier, noisier.covariance, chi_square, chi_square_off=True, noise_from_misfit=True
         )
