@@ -473,7 +473,7 @@ def hinted_event(of: Examined, before: Judgement) -> Judgement | None:
 def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:
     """Whether residuals hint at missing terms, or parts of the records disagree, though nothing is significant.
 
-    What hints at a term may as well be an error of a mass or a sensor that alone would be no hint.
+    What hints at a term may as well be an error of a sensor that alone would be no hint.
     """
     fit, tested = of.fit, of.diagnosis.tested
     ambient = any(force.ambient for force in fit.random_forces)

@@ -154,10 +154,10 @@ Hint = tuple[dict[str, Floats], str]
 def hinted_errors(fit: LikelihoodFit, tested: TestedCauses, beside: float = np.inf) -> Hint | None:
     """The masses and the errors of sensors to which the residuals of laws that leave only noise point, each alone.
 
-    Those that gain as much as chance gives to one of its group in one fit of 80, or are nearly as likely as what gains so
-    much `beside` them, and others of it nearly as likely, which would change a coefficient by more than its standard error;
-    of sensors those alone that coefficients resemble, so that they change by more than the error is significant. None without
-    any.
+    Those that gain as much as chance gives to one of its group in one fit of 80, and others of it nearly as likely, which
+    would change a coefficient by more than its standard error; of sensors those alone that coefficients resemble, so that
+    they change by more than the error is significant, and also those nearly as likely as what gains so much `beside` them.
+    None without any.
     """
     optimum, tests = fit.optimum, tested.tests
     moves = tests.changes * optimum.scales.theta[: len(fit.values), np.newaxis]
@@ -170,7 +170,8 @@ def hinted_errors(fit: LikelihoodFit, tested: TestedCauses, beside: float = np.i
     for what, among, resemblance in (("masses", tested.stated_masses(), 0.0), ("sensors", sensors, 1.0)):
         resembled = among[shifts[among] > resemblance * np.sqrt(gains[among])]
         largest = float(np.max(gains[resembled], initial=0.0))
-        if not largest > min(_HINT + 2.0 * np.log(max(len(resembled), 1)), _AS_MUCH * beside):
+        as_much = _AS_MUCH * beside if what == "sensors" else np.inf
+        if not largest > min(_HINT + 2.0 * np.log(max(len(resembled), 1)), as_much):
             continue
         likely = list[int]()
         for k in resembled[np.argsort(-gains[resembled])].tolist():
