@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1932),
     "identification": (12, 2356),
     "inspection": (9, 1846),
-    "likelihood": (65, 13574),
+    "likelihood": (65, 13575),
     "modal": (5, 840),
     "model": (16, 2962),
     "paper": (3, 358),
