@@ -45,11 +45,10 @@ _CHAOTIC = 1e-2  # the same of one whose neighbours part
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A curve of periodic motions: its points, each with the name of a bifurcation or "", and whether it is closed."""
+    """A curve of periodic motions: its points, each with the name of a bifurcation or ""."""
 
     equations: PeriodicEquations
     points: tuple[tuple[Point, str], ...]
-    closed: bool
 
     def contains(self, motion: Point) -> bool:
         """Whether a motion is on the curve, begun at any turn of its period."""
@@ -184,7 +183,7 @@ def whole_curve(equations: PeriodicEquations, start: Point) -> Curve:
     back = [point._replace(tangent=-point.tangent) for point in reversed(backward)]
     points = [*back, turned(start, rising), *forward]
     marked = with_located(equations, points, _bifurcation_tests(equations))
-    return Curve(equations, tuple(_confirmed_bifurcations(equations, marked)), closed)
+    return Curve(equations, tuple(_confirmed_bifurcations(equations, marked)))
 
 
 def with_extremes(curve: Curve, amplitude: Callable[[Point], float]) -> Curve:
