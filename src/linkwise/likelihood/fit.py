@@ -313,9 +313,9 @@ def _denoised(fit: LikelihoodFit, records: Sequence[Record], term: OfMotion) -> 
     segments, number = fit.segments, records[0].responses.index(term.channel)
     ends = np.cumsum([0, *(-(-len(record) // len(segments.samples)) for record in records)])
     size = next(float(one.sizes[0]) for one in fit.found if one.term == term)
-    assert segments.waveforms is not None
-    noise = fit.misfit.residuals[:, number] * segments.deviations(fit.optimum.scales)[number]
-    taken = noise + segments.waveforms.added(number, fit.optimum.point.offsets[segments.sensors.constants :])
+    taken = fit.misfit.residuals[:, number] * segments.deviations(fit.optimum.scales)[number]
+    for channel, added in segments.errors.added(fit.optimum.point.offsets):
+        taken = taken + added * (channel == number)
     series = []
     for record, part in zip(records, map(slice, ends[:-1], ends[1:]), strict=True):
         samples = record.channel(term.channel)

@@ -24,8 +24,7 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import HarmonicForce
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
-from linkwise.likelihood.shooting.residuals import SensorErrors
-from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.shooting.segments import Segments, SensorErrors
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.terms import Hum, of_kind
 from linkwise.likelihood.tests.columns import Added, TestedColumns
@@ -154,7 +153,7 @@ def not_shown_to_go_on(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[f
     time, owner = _times(segments, records)
     fading = []
     for hum, one in hums:
-        number, (a, b) = one.unknown.record, one.sizes
+        number, (a, b) = one.unknown.record or 0, one.sizes
         cosine, sine = _waves(hum.frequency, time, owner, len(records))[2 * number : 2 * number + 2]
         fading.append((0.5 * records[number].duration - time) * (a * cosine + b * sine))
     channels = np.array([records[0].responses.index(hum.channel) for hum, _ in hums])

@@ -38,8 +38,8 @@ from linkwise.likelihood.shooting.segments import (
     RandomStates,
     Scales,
     Segments,
+    SensorErrors,
     Sensors,
-    Waveforms,
 )
 from linkwise.likelihood.shooting.system import MANY, System
 from linkwise.likelihood.shooting.tangents import tangents
@@ -156,7 +156,7 @@ class Problem:
                 raise IdentificationError(refusal, arguments=(error.argument,))
         errors, noisy = with_integrated(options.errors, frames), tuple(zip(frames, noise, strict=True))
         every = (one for error in errors for one in error.unknowns(noisy))
-        unknowns = tuple(sorted(every, key=lambda unknown: (unknown.term.block, unknown.record)))
+        unknowns = tuple(sorted(every, key=lambda unknown: (unknown.term.block, unknown.record or 0)))
         bounded = with_bounds_for(options.loss, [frame.record for frame in frames])
         return cls(structure, frames, bounded, unknowns, noise, tuple(options.random))
 
@@ -225,7 +225,7 @@ class Problem:
             segments,
             sensors=self._sensors(segments.sensors, records[0].responses),
             prior=self.prior,
-            waveforms=self._waveforms(),
+            errors=self._errors(),
             clipped=None if self.random else segments.clipped,
             centred=self.centred,
         )
@@ -236,34 +236,32 @@ class Problem:
 
     def _sensors(self, sensors: Sensors, channels: Sequence[Channel]) -> Sensors:
         """The sensors with the numbers of the unknowns that act on each."""
-        offsets, delays = (
-            {channel: number for number, channel in enumerate(self.channels(block))}
-            for block in (Block.CONSTANTS, Block.DELAYS)
-        )
-        factors = self.channels(Block.GAINS)
+        factors, delays = self.channels(Block.GAINS), self.channels(Block.DELAYS)
         acting = [[float(factor in (name, COMMON)) for factor in factors] for name in channels]
         return replace(
             sensors,
-            offset=np.array([offsets.get(name, -1) for name in channels]),
             gain=np.reshape(acting, (len(channels), len(factors))),
-            delay=np.array([delays.get(name, -1) for name in channels]),
-            waveforms=sum(unknown.count for unknown in self.of_block(Block.WAVEFORMS)),
+            delay=np.array([delays.index(name) if name in delays else -1 for name in channels]),
+            offsets=self.offsets,
+            delays=len(delays),
         )
 
-    def _waveforms(self) -> Waveforms | None:
-        """What is added to the samples over time, in each record its own; None without any."""
-        unknowns = self.of_block(Block.WAVEFORMS)
-        if not unknowns:
-            return None
-        shown = [self.records[0].responses.index(unknown.channel) for unknown in unknowns]
-        parts = []
-        for number, record in enumerate(self.records):
-            shapes = [
-                one.shapes if one.record == number else np.zeros((len(record), one.count)) for one in unknowns
+    @property
+    def offsets(self) -> int:
+        """How many sizes are unknown of what sensors add."""
+        return sum(unknown.count for unknown in self.of_block(Block.ADDED))
+
+    def _errors(self) -> SensorErrors:
+        """What sensors add per unit of the unknown sizes: at the samples of all records, or of one."""
+        channels, values = list[int](), list[Floats]()
+        for unknown in self.of_block(Block.ADDED):
+            parts = [
+                cut(unknown.in_record(number, len(record)), self.samples)
+                for number, record in enumerate(self.records)
             ]
-            parts.append(cut(np.concatenate(shapes, axis=1), self.samples))
-        values = np.nan_to_num(np.concatenate(parts, axis=2))
-        return Waveforms(np.repeat(shown, [unknown.count for unknown in unknowns]), values)
+            values += [*np.nan_to_num(np.concatenate(parts, axis=2)).transpose(1, 0, 2)]
+            channels += [self.records[0].responses.index(unknown.channel)] * unknown.count
+        return SensorErrors(np.array(channels, dtype=int), values)
 
 
 _OF_FORCE = re.compile(r"\b(N|kg)\b")
@@ -384,11 +382,10 @@ def shooting_problem(problem: Problem, theta: Floats, spread: Floats | None) -> 
     )
     every = slice(None, None, problem.samples)
     nodes = np.hstack([np.vstack([start.x, start.v, start.memory])[:, every] for start in starts])
-    added = sum(unknown.count for unknown in problem.unknowns if unknown.term.block <= Block.WAVEFORMS)
     point = Iterate(
         np.concatenate([nodes, np.zeros((len(places), nodes.shape[1]))]),
         np.clip(theta, system.parameters.lower, system.parameters.upper),
-        np.zeros(added),
+        np.zeros(problem.offsets),
         np.ones(len(problem.of_block(Block.GAINS))),
         np.zeros(len(problem.of_block(Block.DELAYS))),
     )

@@ -15,7 +15,7 @@ from linkwise.likelihood.fit import LikelihoodFit, inflation_beside_others
 from linkwise.likelihood.harmonics import MAY_FADE
 from linkwise.likelihood.optima.other_optima import is_loosened
 from linkwise.likelihood.options import OF_FORCE
-from linkwise.likelihood.terms import Block, Disturbance, Hum
+from linkwise.likelihood.terms import Disturbance, Hum, Waveform
 from linkwise.model.coefficient import Name
 from linkwise.records.record import Record
 
@@ -101,7 +101,7 @@ def sensor_errors(fit: LikelihoodFit, units: Mapping[str, str]) -> tuple[SensorE
 
     Offsets, gains and delays come first, in this order; without those that a search left without a finite standard error.
     """
-    of_time_last = sorted(fit.terms, key=lambda term: term.block is Block.WAVEFORMS)
+    of_time_last = sorted(fit.terms, key=lambda term: isinstance(term, Waveform))
     estimates = (term.estimate(*fit.size_of(term), units.get(term.channel, "")) for term in of_time_last)
     return tuple(
         error

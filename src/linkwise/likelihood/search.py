@@ -48,10 +48,16 @@ from linkwise.likelihood.shooting.residuals import (
     LongerSegments,
     Loss,
     Misfit,
-    SensorErrors,
     evaluate,
 )
-from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
+from linkwise.likelihood.shooting.segments import (
+    Iterate,
+    Scales,
+    Segments,
+    SensorErrors,
+    carry_through_gaps,
+    split_at_gaps,
+)
 from linkwise.likelihood.shooting.system import MANY
 from linkwise.likelihood.shooting.tangents import CandidateForces
 

@@ -57,10 +57,9 @@ def numbers_by_channel(stated: Stated) -> dict[str, float | None]:
 
 
 class Block(IntEnum):
-    """Where an unknown stands behind the coefficients: constants, sizes of waveforms, gains and delays, in this order."""
+    """Where an unknown stands behind the coefficients: sizes of what is added, gains and delays, in this order."""
 
-    CONSTANTS = auto()
-    WAVEFORMS = auto()
+    ADDED = auto()
     GAINS = auto()
     DELAYS = auto()
 
@@ -101,18 +100,23 @@ class Unknown:
     """What a term puts among the unknowns: some sizes, of which `known` has means and standard deviations.
 
     They are those of a `channel`, named as the equations name it; of waveforms in the record number `record`, at whose samples
-    a size of 1 adds `shapes` (N, count).
+    a size of 1 adds `shapes` (N, count), else in all records, which a constant shifts by as much.
     """
 
     term: Term
     channel: str
     known: Sequence[tuple[float, float]]
-    record: int = 0
-    shapes: Floats = field(default_factory=lambda: np.empty((0, 0)), repr=False)
+    record: int | None = None
+    shapes: Floats = field(default_factory=lambda: np.ones((1, 1)), repr=False)
 
     @property
     def count(self) -> int:
         return len(self.known)
+
+    def in_record(self, number: int, samples: int) -> Floats:
+        """(N, count) what sizes of 1 add to the N samples of the record of a number."""
+        acts = self.record in (None, number)
+        return np.broadcast_to(self.shapes if acts else 0.0, (samples, self.count))
 
 
 class Found(NamedTuple):
@@ -139,7 +143,7 @@ class Term(ABC):
     channel: str
     kind: ClassVar[str]
     argument: ClassVar[str]
-    block: ClassVar[Block] = Block.WAVEFORMS
+    block: ClassVar[Block] = Block.ADDED
     null: ClassVar[float] = 0.0
 
     @classmethod
@@ -218,7 +222,6 @@ class Offset(Constant):
     """What a sensor shows beside the motion throughout."""
 
     kind, argument = "offset", "offsets"
-    block = Block.CONSTANTS
 
     def columns(self, shown: Shown) -> list[Floats]:
         return [np.ones_like(shown.value)]

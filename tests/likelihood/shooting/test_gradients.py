@@ -27,7 +27,13 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.normal_equations import BorderedSystem, linearise
 from linkwise.likelihood.shooting.residuals import Gaussian, Huber, Loss, Misfit, Student, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
-from linkwise.likelihood.shooting.segments import ClippedReadings, Iterate, Scales, Segments
+from linkwise.likelihood.shooting.segments import (
+    ClippedReadings,
+    Iterate,
+    Scales,
+    Segments,
+    SensorErrors,
+)
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.terms import Delay, Drift, Gain, Hum, Offset, Term
 
@@ -66,8 +72,9 @@ def records(three: lw.Structure) -> list[lw.Record]:
 def segments(records: list[lw.Record], unknown: lw.Structure) -> Segments:
     cut = cut_segments(records, unknown, System.of(unknown), samples=5, refine=4)
     shown = [name for name in CHANNELS if not name.startswith(("force:", "x:base"))]
-    numbers = [OFFSETS.index(name) if name in OFFSETS else -1 for name in shown]
-    return replace(cut, sensors=replace(cut.sensors, offset=np.array(numbers)))
+    channels = np.array([shown.index(name) for name in OFFSETS])
+    errors = SensorErrors(channels, [np.ones((5, cut.count))] * len(channels))
+    return replace(cut, errors=errors, sensors=replace(cut.sensors, offsets=len(channels)))
 
 
 @pytest.fixture(scope="module")

@@ -37,8 +37,8 @@ from linkwise.likelihood.shooting.normal_equations import (
     linearise,
     summed,
 )
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
-from linkwise.likelihood.shooting.segments import A, F, S, Segments, V, X, as_slice
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import A, F, S, Segments, SensorErrors, V, X, as_slice
 from linkwise.likelihood.shooting.system import MANY, System
 from linkwise.likelihood.shooting.tangents import (
     CandidateForces,
@@ -344,20 +344,16 @@ class LocalRows:
         ]
 
     def _add_errors(self, data: NDArray[Any], group: Neighbourhood, part: slice, whiten: Single) -> None:
-        """The columns of errors and offsets of sensors, which act on one channel each or, offsets, on several."""
-        first, segments = len(group.states), self.misfit.segments
-        for place, number in enumerate(group.border.tolist()):
-            if self.errors is not None and self.moving <= number < self.fixed:
-                channel = int(self.errors.channel[number - self.moving])
-                values = self.errors.values[number - self.moving][:, part]
-                own = int(np.searchsorted(group.channels, channel))
-                data[:, own, :, first + place] = (whiten[:, channel] * values).T
-            elif number >= self.fixed:
-                offset = number - self.fixed
-                unit = self.misfit.scales.theta[segments.system.parameters.size + offset]
-                for channel in np.flatnonzero(segments.sensors.offset == offset).tolist():
-                    own = int(np.searchsorted(group.channels, channel))
-                    data[:, own, :, first + place] = whiten[:, channel].T * unit
+        """The columns of errors that are tested, and of those among the unknowns."""
+        tested, among = self.errors or SensorErrors(), self.misfit.segments.errors
+        channels, values = np.append(tested.channel, among.channel), [*tested.values, *among.values]
+        p = len(self.misfit.point.theta)
+        units = np.append(np.ones(len(tested.values)), self.misfit.scales.theta[p:])
+        for column, number in enumerate((group.border - self.moving).tolist(), start=len(group.states)):
+            if number >= 0:
+                added = units[number] * values[number][:, part]
+                own = int(np.searchsorted(group.channels, channels[number]))
+                data[:, own, :, column] = (whiten[:, channels[number]] * added).T
 
 
 _AT_ONCE = 400_000  # numbers in the sensitivities of a group in a chunk
@@ -571,7 +567,6 @@ def _separable(segments: Segments) -> bool:
         and not hosts
         and not sensors.gains
         and not sensors.delays
-        and not sensors.waveforms
     )
 
 
@@ -607,10 +602,8 @@ def column_origins(
     if candidates is not None:
         ends = zip(candidates.first.tolist(), candidates.second.tolist(), strict=True)
         masses += [{end for end in pair if end >= 0} for pair in ends]
-    if errors is not None:
-        masses += [of_channel(channel) for channel in errors.channel.tolist()]
-    for offset in range(sensors.offsets):
-        masses.append(set().union(*map(of_channel, np.flatnonzero(sensors.offset == offset).tolist())))
+    for own in (errors, segments.errors):
+        masses += [] if own is None else map(of_channel, own.channel.tolist())
     return [np.array(sorted(own_masses), dtype=int) for own_masses in masses]
 
 

@@ -33,13 +33,14 @@ from numpy.typing import NDArray
 from scipy.linalg import blas, cho_solve, cholesky, lapack, solve_triangular
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
+from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import (
     Iterate,
     Prior,
     RandomStates,
     Scales,
     Segments,
+    SensorErrors,
     as_slice,
     slider_starts,
 )

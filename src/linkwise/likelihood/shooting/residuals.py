@@ -424,11 +424,8 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         if segments.carried is not None:
             shown = shown + segments.carried[0, :, channel]
         residuals[:, channel] -= (factors[channel] - 1.0) * shown
-    for channel in np.flatnonzero(sensors.offset >= 0):
-        residuals[:, channel] -= point.offsets[sensors.offset[channel]]
-    if segments.waveforms is not None:
-        for channel in np.unique(segments.waveforms.channel).tolist():
-            residuals[:, channel] -= segments.waveforms.added(channel, point.offsets[sensors.constants :])
+    for channel, added in segments.errors.added(point.offsets):
+        residuals[:, channel] -= added
     residuals /= unit
     clipped = None
     if segments.clipped is not None and isinstance(loss, Gaussian):
@@ -460,14 +457,6 @@ def _at_samples(
     return {X: orbit.states[:, 0], A: orbit.accelerations, S: orbit.memory}[kind][every]
 
 
-@dataclass(frozen=True, eq=False)
-class SensorErrors:
-    """c errors of unit size: `channel` (c,), and c `values` (M, K), what each adds to its samples."""
-
-    channel: Indices
-    values: Sequence[Floats]
-
-
 def shown_motion(misfit: Misfit) -> list[Shown]:
     """What each channel shows (M, K)."""
     segments = misfit.segments
@@ -495,17 +484,14 @@ def filtered_motion(misfit: Misfit) -> list[Floats]:
     ]
 
 
-def estimated_errors(misfit: Misfit, part: slice) -> Iterator[tuple[int, int, Floats | float]]:
+def estimated_errors(misfit: Misfit, part: slice) -> Iterator[tuple[int, int, Floats]]:
     """What each error of a sensor that is among the unknowns adds in some segments, if its size is 1: the number of a
     channel, that of the unknown, and values (M, k).
     """
     segments = misfit.segments
     sensors, point = segments.sensors, misfit.point
-    for channel in np.flatnonzero(sensors.offset >= 0).tolist():
-        yield channel, int(sensors.offset[channel]), 1.0
-    if segments.waveforms is not None:
-        for number, channel in enumerate(segments.waveforms.channel.tolist()):
-            yield channel, sensors.constants + number, segments.waveforms.values[:, number, part]
+    for number, channel in enumerate(segments.errors.channel.tolist()):
+        yield channel, number, segments.errors.values[number][:, part]
     factors = sensors.factors(point.gains)
     for channel in np.union1d(sensors.scaled, sensors.late).tolist():
         shown, rate = _shown(misfit, channel, part)

@@ -119,7 +119,6 @@ def sensor_arrays(channels: Sequence[Channel], structure: Structure) -> Sensors:
         points=np.array([structure.points.index(name) for name in points], dtype=int),
         kind=np.array([_KINDS[channel.kind] for channel in channels]),
         mass=np.array([index[channel.kind, channel.place] for channel in channels]),
-        offset=np.full(len(channels), -1),
         gain=np.empty((len(channels), 0)),
     )
 
@@ -482,11 +481,7 @@ def with_uncertain_forces(
     nothing = np.zeros(len(delays))
     of_these = uncertain.on_masses(uncertain.acting(np.ones(len(gains)), nothing)[0])
     uncertain = replace(uncertain, certain=segments.inputs.force - of_these)
-    return replace(
-        segments,
-        inputs=replace(segments.inputs, uncertain=uncertain),
-        sensors=replace(segments.sensors, late_inputs=1 + int(uncertain.delays.max())),
-    )
+    return replace(segments, inputs=replace(segments.inputs, uncertain=uncertain))
 
 
 def _require_band_limited(records: Sequence[Record], late: Sequence[str]) -> None:

@@ -4,7 +4,7 @@ Segment k starts at its node, carries the samples j = 0 .. M - 1 from there, and
 (if the two are linked). Several records are chains of segments that are not linked to each other. A missing sample
 has weight zero; so has the padding behind the last sample of a record.
 
-`Sensors` have unknown gains, offsets and delays; what they add over time in known shapes of unknown size are `Waveforms`. Over
+`Sensors` have unknown gains and delays; what they add in known shapes of unknown size, offsets too, are `SensorErrors`. Over
 a long gap chaotic motion has many continuations, and a search cannot choose among them from poor starting values: the state
 behind it is free at first (`split_at_gaps`), and the two sides are joined once the laws are known.
 
@@ -23,7 +23,7 @@ J. Tobin, Econometrica 26, 24 (1958).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
@@ -250,16 +250,16 @@ def _score_and_curvature(beyond: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, eq=False)
-class Waveforms:
-    """`values` (M, w, K) at the samples, per unit of the size, that w waveforms add to their `channel` (w,)."""
+class SensorErrors:
+    """c errors of unit size: `channel` (c,), and c `values` (M, K), what each adds to its samples."""
 
-    channel: Indices
-    values: Floats
+    channel: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
+    values: Sequence[Floats] = ()
 
-    def added(self, channel: int, sizes: Floats) -> Floats:
-        """(M, K) what waveforms of these `sizes` (w,) add to a channel."""
-        own = self.channel == channel
-        return np.asarray(np.einsum("w,mwk->mk", sizes[own], self.values[:, own]))
+    def added(self, sizes: Floats) -> Iterator[tuple[int, Floats]]:
+        """The channel of each error of these `sizes` (c,), and what it adds to that, (M, K)."""
+        for channel, size, values in zip(self.channel.tolist(), sizes, self.values, strict=True):
+            yield channel, size * values
 
 
 X, V, A, F, S = 0, 1, 2, 3, 4
@@ -278,22 +278,21 @@ class Sensors:
     """`kind` (C,) is X, V, A, F or S, `mass` (C,) the number of a mass, or of a link or a state in the order of the system.
 
     From n on it is the number of a point of a host, which moves by its row in `shapes` (c, n); `points` (c,) are their
-    numbers among the points of the system. `offset`, `delay` (C,) are indices of its unknown errors, -1 for none;
-    `waveforms` is how many there are beside, `late_inputs` the number of delays up to the last one of an input, 0 without any.
+    numbers among the points of the system. `delay` (C,) are indices of its unknown delay, -1 for none; `offsets` and `delays`
+    are how many unknowns there are of what sensors add, and of delays, those of inputs as well.
 
-    A sensor reads gain * motion + offset, the gain being 1 plus the errors of the unknown factors in its row of `gain` (C,
-    g): ones where a factor acts on the channel, else zeros.
+    A sensor reads gain * motion + what is added, the gain being 1 plus the errors of the unknown factors in its row of `gain`
+    (C, g): ones where a factor acts on the channel, else zeros.
     """
 
     kind: Indices
     mass: Indices
-    offset: Indices
-    gain: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    gain: Floats
     delay: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
     shapes: Floats | None = None
     points: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
-    waveforms: int = 0
-    late_inputs: int = 0
+    offsets: int = 0
+    delays: int = 0
 
     def at(self, mechanics: NumericSystem) -> Sensors:
         """The sensors with the shapes of hosts that a system has at its parameters."""
@@ -329,28 +328,14 @@ class Sensors:
         return np.asarray(self.kind < F)
 
     @cached_property
-    def constants(self) -> int:
-        """Unknown constant offsets."""
-        return int(self.offset.max(initial=-1)) + 1
-
-    @cached_property
     def by_kind(self) -> list[tuple[int, Indices | slice, Indices | slice]]:
         """Each kind that there is, the channels of it, and the numbers of what they show."""
         kinds = ((kind, np.flatnonzero(self.kind == kind)) for kind in (X, V, A, F, S))
         return [(kind, as_slice(own), as_slice(self.mass[own])) for kind, own in kinds if len(own)]
 
     @cached_property
-    def offsets(self) -> int:
-        """Unknown offsets: constant ones, then sizes of waveforms."""
-        return self.constants + self.waveforms
-
-    @cached_property
     def gains(self) -> int:
         return int(self.gain.shape[1])
-
-    @cached_property
-    def delays(self) -> int:
-        return max(int(self.delay.max(initial=-1)) + 1, self.late_inputs)
 
     @cached_property
     def unknowns(self) -> int:
@@ -382,8 +367,8 @@ class Segments:
     says which neighbouring segments are continuous; `relative_noise` (C, K) is the noise of a channel over `Scales.sigma`,
     None where it is the same in all records; `prior` holds the priors of the unknowns; `carried` (2, M, C, K) is what the
     sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any;
-    `late_base` is the same of late sensors; `random` are random forces among the states, None without any; `waveforms` what
-    sensors add over time, None without any; `clipped` are readings at the ends of the ranges of sensors, which are missing in
+    `late_base` is the same of late sensors; `random` are random forces among the states, None without any; `errors` what
+    sensors add per unit of their unknown offsets; `clipped` are readings at the ends of the ranges of sensors, missing in
     `samples`, None without any; `centred` says whether samples are in the middle of their steps, of which there are two or
     more, and not at the start.
     """
@@ -402,7 +387,7 @@ class Segments:
     carried: Floats | None = None
     late_base: LateBase | None = None
     random: RandomStates | None = None
-    waveforms: Waveforms | None = None
+    errors: SensorErrors = field(default_factory=SensorErrors)
     clipped: ClippedReadings | None = None
     centred: bool = False
 
@@ -454,7 +439,7 @@ class Segments:
 
         Late bases and random forces stay.
         """
-        waveforms, noise = self.waveforms, self.relative_noise
+        noise = self.relative_noise
         return replace(
             self,
             samples=change(self.samples),
@@ -464,7 +449,7 @@ class Segments:
             inputs=self.inputs.mapped(change, firsts),
             relative_noise=None if noise is None else noise[:, firsts],
             carried=None if self.carried is None else np.stack([*map(change, self.carried)]),
-            waveforms=waveforms and replace(waveforms, values=change(waveforms.values)),
+            errors=replace(self.errors, values=[*map(change, self.errors.values)]),
             clipped=self.clipped and self.clipped.mapped(change),
         )
 
@@ -526,7 +511,7 @@ class Segments:
 @dataclass(frozen=True, eq=False)
 class Iterate:
     """The unknowns: nodes (2n + S, K) in m, m/s and units of states, theta (p,), offsets (o,), gains (g,) and delays (l,) in s
-    of sensors. Behind the constant offsets are the sizes of waveforms.
+    of sensors. Offsets are the sizes of all that sensors add.
     """
 
     nodes: Floats

@@ -30,8 +30,8 @@ from linkwise.likelihood.shooting.flow import (
     in_turn,
     input_along,
 )
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, estimated_errors
-from linkwise.likelihood.shooting.segments import A, Iterate, Segments, Sensors, V
+from linkwise.likelihood.shooting.residuals import Misfit, estimated_errors
+from linkwise.likelihood.shooting.segments import A, Iterate, Segments, SensorErrors, Sensors, V
 from linkwise.likelihood.shooting.system import NumericSystem, ShapeParameters
 from linkwise.model.structure import FIRST_POINT
 

@@ -23,13 +23,12 @@ from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.flow import in_turn, input_along
 from linkwise.likelihood.shooting.residuals import (
     Misfit,
-    SensorErrors,
     carried_by,
     filtered_motion,
     motion_of,
     shown_motion,
 )
-from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.shooting.segments import Segments, SensorErrors
 from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.likelihood.shooting.tangents import CandidateForces, Single
 from linkwise.likelihood.terms import ERRORS, Shown

@@ -34,8 +34,8 @@ from linkwise.likelihood.shooting.normal_equations import (
     linearise,
     precise_model,
 )
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
-from linkwise.likelihood.shooting.segments import A, Segments
+from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.segments import A, Segments, SensorErrors
 from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents, whitened_jacobian
 from linkwise.model.coefficient import MASS, Coefficient
 from linkwise.model.law import VARIABLES, Law
