@@ -7,11 +7,10 @@ of the sampling rate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Floats
 from linkwise.model.excitation import Sampled
 
 LARGEST = 1.5
@@ -60,27 +59,3 @@ def value_and_slope(coefficients: Sequence[Floats] | Floats, late: Floats) -> tu
         slope = slope * place + value
         value = value * place + row
     return value + slope * (late - place), slope
-
-
-@dataclass(frozen=True, eq=False)
-class LateBase:
-    """Polynomials in the delay of what `channels` show of moving coordinates.
-
-    `coefficients` (P, M, L, K) of powers of the delay over its largest, constant first; `step` (K,) of the samples in s.
-    """
-
-    channels: tuple[int, ...]
-    coefficients: Floats
-    step: Floats
-
-    def chosen(self, which: Indices) -> LateBase:
-        """Those of some of the segments."""
-        return replace(self, coefficients=self.coefficients[..., which], step=self.step[which])
-
-    def at(self, channel: int, delay: float, part: slice = slice(None)) -> tuple[Floats, Floats]:
-        """(M, k) what a channel shows that is `delay` s late, and its rate; straight on beyond the largest delay."""
-        unit = LARGEST * self.step[part]
-        value, slope = value_and_slope(
-            self.coefficients[:, :, self.channels.index(channel), part], delay / unit
-        )
-        return value, -slope / unit

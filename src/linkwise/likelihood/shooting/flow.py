@@ -15,11 +15,13 @@ G. J. Cooper and J. H. Verner, SIAM J. Numer. Anal. 9, 389 (1972).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.delay_polynomials import value_and_slope
@@ -105,8 +107,39 @@ TANGENT_END = np.array([[1, 1, 0, 1 / 2], [0, 1, -1, 2]], np.float32)
 TANGENT_CLOSING = np.array([[1 / 6, 1 / 3, 0], [1 / 6, 2 / 3, 1 / 6]], np.float32)
 
 
+class OverSegments:
+    """A dataclass with arrays over the steps or samples of segments, and others of one value a segment, both last."""
+
+    along: ClassVar[Sequence[str]] = ()
+    of_each: ClassVar[Sequence[str]] = ()
+
+    def mapped(
+        self, change: Callable[[NDArray[Any]], NDArray[Any]], firsts: slice | Indices = slice(None)
+    ) -> Self:
+        """With each array `along` segments changed, to segments that begin with those whose numbers are `firsts`."""
+
+        def changed(value: Any) -> Any:
+            if isinstance(value, OverSegments):
+                return value.mapped(change, firsts)
+            if isinstance(value, Mapping):
+                return {name: change(own) for name, own in value.items()}
+            if isinstance(value, Sequence):
+                return [*map(change, value)]
+            return None if value is None else change(value)
+
+        own: Any = self
+        values = {name: changed(getattr(self, name)) for name in self.along}
+        each = {name: getattr(self, name) for name in self.of_each}
+        values |= {name: None if value is None else value[..., firsts] for name, value in each.items()}
+        return cast("Self", replace(own, **values))
+
+    def part(self, segments: slice | Indices) -> Self:
+        """That of some segments."""
+        return self.mapped(lambda values: values[..., segments], segments)
+
+
 @dataclass(frozen=True, eq=False)
-class UncertainForces:
+class UncertainForces(OverSegments):
     """f applied forces with unknown errors; the acceleration of moving coordinates, in m/s^2, is one that acts on all masses.
 
     Attributes
@@ -123,11 +156,13 @@ class UncertainForces:
         Numbers of their unknown gains and delays, -1 for none.
     certain : array of shape (J, 5, n, K)
         What acts on the masses beside them at the points of every step, in N.
-    coefficients : tuple of array of shape (J, 5, f, K)
+    coefficients : sequence of array of shape (J, 5, f, K)
         What the channels show there, in N; with delays, the coefficients of powers of the delay over its `unit`.
     unit : array of shape (K,)
         The largest delay in s for which these hold.
     """
+
+    along, of_each = ("certain", "coefficients"), ("unit",)
 
     channels: tuple[Channel, ...]
     ends: Indices
@@ -136,21 +171,8 @@ class UncertainForces:
     gains: Indices
     delays: Indices
     certain: Floats
-    coefficients: tuple[Floats, ...]
+    coefficients: Sequence[Floats]
     unit: Floats
-
-    def mapped(self, change: Callable[[Floats], Floats], firsts: slice | Indices) -> UncertainForces:
-        """With each array over steps changed, to segments that begin with those whose numbers are `firsts`."""
-        return replace(
-            self,
-            certain=change(self.certain),
-            coefficients=tuple(map(change, self.coefficients)),
-            unit=self.unit[firsts],
-        )
-
-    def part(self, segments: slice | Indices) -> UncertainForces:
-        """The forces in some segments."""
-        return self.mapped(lambda values: values[..., segments], segments)
 
     @property
     def base(self) -> int | None:
@@ -187,7 +209,7 @@ _ROUNDED = 1e-12  # of the largest force, which interpolation leaves at samples 
 
 
 @dataclass(frozen=True, eq=False)
-class Inputs:
+class Inputs(OverSegments):
     """Applied forces, motion of the base and signals at the five POINTS of every step.
 
     Attributes
@@ -206,6 +228,8 @@ class Inputs:
         Those of the forces whose channels have unknown errors; `force` and `points` have them at some values of these.
     """
 
+    along = ("force", "base", "frame", "points", "signals", "uncertain")
+
     force: Floats | None = None
     base: Floats | None = None
     frame: Floats | None = None
@@ -213,21 +237,9 @@ class Inputs:
     signals: Mapping[str, Floats] = field(default_factory=dict)
     uncertain: UncertainForces | None = None
 
-    def part(self, segments: slice | Indices) -> Inputs:
-        """The inputs of some segments."""
-        return self.mapped(lambda values: values[..., segments], segments)
-
     def first(self, steps: int) -> Inputs:
         """The inputs of the first steps."""
         return self.mapped(lambda values: values[:steps], slice(None))
-
-    def mapped(self, change: Callable[[Floats], Floats], firsts: slice | Indices) -> Inputs:
-        """The inputs with each array changed, to segments that begin with those whose numbers are `firsts`."""
-        every = (self.force, self.base, self.frame, self.points)
-        force, base, frame, points = (None if a is None else change(a) for a in every)
-        signals = {name: change(values) for name, values in self.signals.items()}
-        uncertain = None if self.uncertain is None else self.uncertain.mapped(change, firsts)
-        return Inputs(force, base, frame, points, signals, uncertain)
 
     def at(self, gains: Floats, delays: Floats) -> Inputs:
         """The inputs with uncertain forces at gains (g,) and delays (l,) in s of channels."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow, late_motion
 from linkwise.likelihood.shooting.segments import (
     A,
     ClippedMisfit,
@@ -401,29 +401,22 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
             inputs = segments.inputs.at(point.gains, point.delays)
             return flow(mechanics, point.nodes, segments.step, segments.steps, inputs)
 
-    motion_of_nodes = Orbit(motion_from_nodes)
-    orbit = motion_of_nodes.trajectories
+    residuals, nothing = np.empty_like(segments.samples), np.empty((0, 0))
+    misfit = Misfit(segments, scales, loss, point, Orbit(motion_from_nodes), residuals, nothing, 0.0, 0.0)
+    orbit = misfit.trajectories
     ends = orbit.ends(segments.step)[: len(point.nodes)]
     sensors = segments.sensors.at(mechanics)
     shown_orbit, factors = sensors.orbit_with_points(orbit), sensors.factors(point.gains)
     unit, starts = segments.deviations(scales), slider_starts(segments, point.nodes, scales)[2]
-    residuals = np.empty_like(segments.samples)
     for kind, channels, places in sensors.by_kind:
         motion = _at_samples(segments, mechanics, shown_orbit, kind)
         residuals[:, channels] = segments.samples[:, channels] - motion[:, places]
     if segments.random is not None and segments.random.shown is not None:
         residuals[0] -= segments.random.shown @ point.nodes[segments.random.rows]
-    for channel in sensors.late:
-        residuals[:, channel] = segments.samples[:, channel] - segments.late(channel, shown_orbit, point)[0]
-    for channel in segments.moved_apart:
-        carried = carried_by(segments, point, channel)
-        if carried is not None and segments.carried is not None:
-            residuals[:, channel] += segments.carried[0, :, channel] - carried[0]
-    for channel in sensors.scaled:
-        shown = segments.samples[:, channel] - residuals[:, channel]
+    for channel in {*sensors.late.tolist(), *segments.moved_apart, *sensors.scaled.tolist()}:
+        residuals[:, channel] = segments.samples[:, channel] - factors[channel] * _shown(misfit, channel)[0]
         if segments.carried is not None:
-            shown = shown + segments.carried[0, :, channel]
-        residuals[:, channel] -= (factors[channel] - 1.0) * shown
+            residuals[:, channel] += segments.carried[0][:, channel]
     for channel, added in segments.errors.added(point.offsets):
         residuals[:, channel] -= added
     residuals /= unit
@@ -438,8 +431,8 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     if segments.random is not None:
         prior += segments.random.cost(point.nodes, point.border)
     data, continuity = loss.total(residuals), float(np.vdot(defects, defects))
-    found = point, motion_of_nodes, residuals, defects, data, continuity, prior, clipped
-    return Misfit(segments, scales, loss, *found)
+    costs = {"data": data, "continuity": continuity, "prior": prior}
+    return replace(misfit, defects=defects, clipped=clipped, **costs)
 
 
 def _at_samples(
@@ -516,11 +509,13 @@ def _shown(misfit: Misfit, channel: int, part: slice = slice(None)) -> tuple[Flo
     """(M, k) what a sensor shows of a mass and of moving coordinates in some segments, and its rate."""
     segments, point = misfit.segments, misfit.point
     sensors, random = segments.sensors, segments.random
+    kind, mass = int(sensors.kind[channel]), int(sensors.mass[channel])
     if channel in sensors.late:
         orbit = sensors.at(misfit.mechanics).orbit_with_points(misfit.trajectories.part(part))
-        value, rate = segments.late(channel, orbit, point, part)
+        step, delay = segments.step[part] * segments.refine, float(point.delays[sensors.delay[channel]])
+        value, rate = late_motion(orbit, step, segments.refine, mass=mass, kind=kind, delay=delay)
     else:
-        value, rate = motion_of(misfit, int(sensors.kind[channel]), int(sensors.mass[channel]), part)
+        value, rate = motion_of(misfit, kind, mass, part)
     if random is not None and random.shown is not None:
         value = value + random.shown[channel] @ point.nodes[random.rows][:, part]
     carried = carried_by(segments, point, channel, part)
@@ -536,7 +531,7 @@ def carried_by(
     uncertain = segments.inputs.uncertain
     gain, early = (1.0, 0.0) if uncertain is None else uncertain.of_base(point.gains, point.delays)
     if segments.late_base is None or channel not in segments.late_base.channels:
-        value, rate = segments.carried[:, :, channel, part]
+        value, rate = (own[:, channel, part] for own in segments.carried)
     else:
         late = float(np.append(point.delays, 0.0)[segments.sensors.delay[channel]])
         value, rate = segments.late_base.at(channel, late - early, part)
@@ -613,10 +608,11 @@ class LongerSegments:
             return None
         parts = _parts(shorter)
         joined = shorter.linked[parts[:-1, -1]]
-        together = shorter.mapped(lambda values: _end_to_end(values, parts), parts[:, 0], joined)
+        together = shorter.mapped(lambda values: _end_to_end(values, parts), parts[:, 0])
         once = _end_to_end(np.ones(shorter.samples.shape, bool), parts, _once(parts))
         clipped = together.clipped and together.clipped.mapped(lambda values: values * once)
-        return cls(replace(together, observed=together.observed & once, clipped=clipped), parts)
+        observed = together.observed & once
+        return cls(replace(together, observed=observed, linked=joined, clipped=clipped), parts)
 
     def point(self, point: Iterate) -> Iterate:
         """A point with the nodes of the longer segments."""

@@ -15,9 +15,9 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.delay_polynomials import EDGE, LARGEST, LateBase, at_delays, powers_through
+from linkwise.likelihood.shooting.delay_polynomials import EDGE, LARGEST, at_delays, powers_through
 from linkwise.likelihood.shooting.flow import POINTS, Inputs, UncertainForces
-from linkwise.likelihood.shooting.segments import A, ClippedReadings, F, S, Segments, Sensors, V, X
+from linkwise.likelihood.shooting.segments import A, ClippedReadings, F, LateBase, S, Segments, Sensors, V, X
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import FIRST_POINT, Structure
 from linkwise.records.channel import BAND_LIMITED, BASE, COMMON, HELD, MOTIONS, Channel, interpolated
@@ -403,8 +403,8 @@ def _late_base(
     return base, np.concatenate(inside, axis=2) > 0.0
 
 
-def _carried(frames: Sequence[FramedRecord], samples: int) -> Floats | None:
-    """(2, M, C, K) what the sensors show of moving coordinates, and its rate; 0 behind the end of a record."""
+def _carried(frames: Sequence[FramedRecord], samples: int) -> Sequence[Floats] | None:
+    """(M, C, K), twice: what the sensors show of moving coordinates, and its rate; 0 behind the end of a record."""
     if not any(frame.carried for frame in frames):
         return None
     parts = []
@@ -412,7 +412,7 @@ def _carried(frames: Sequence[FramedRecord], samples: int) -> Floats | None:
         nothing = np.zeros((2, len(frame.record)))
         shown = np.stack([frame.carried.get(name, nothing) for name in frame.names.values()], axis=2)
         parts.append(np.stack([cut(values, samples) for values in shown]))
-    return np.nan_to_num(np.concatenate(parts, axis=3))
+    return [*np.nan_to_num(np.concatenate(parts, axis=3))]
 
 
 def with_uncertain_forces(

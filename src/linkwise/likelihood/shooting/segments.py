@@ -33,8 +33,8 @@ import scipy
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.delay_polynomials import LateBase
-from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow, late_motion
+from linkwise.likelihood.shooting.delay_polynomials import LARGEST, value_and_slope
+from linkwise.likelihood.shooting.flow import Inputs, OverSegments, Trajectories, flow
 from linkwise.likelihood.shooting.system import NumericSystem, System
 from linkwise.records.record import Record
 
@@ -88,7 +88,7 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class RandomStates:
+class RandomStates(OverSegments):
     """Random forces among the states: normal, of mean zero, and without continuity between segments.
 
     Attributes
@@ -113,6 +113,8 @@ class RandomStates:
     weights : array of shape (2n + S, K) or None
         What defects at the ends of the segments weigh, where these forces leave some in displacements. None for 1.
     """
+
+    of_each = ("deviation", "weights")
 
     rows: Indices
     deviation: Floats
@@ -144,17 +146,12 @@ class RandomStates:
         """The same with deviations multiplied by `factors` (r,)."""
         return replace(self, deviation=self.deviation * factors[:, None])
 
-    def chosen(self, segments: Indices) -> Self:
-        """The forces in some of the segments."""
-        weights = None if self.weights is None else self.weights[:, segments]
-        return replace(self, deviation=self.deviation[:, segments], weights=weights)
-
 
 _FARTHEST = 1e5  # standard deviations inside the range, from which a bound is an observation to rounding
 
 
 @dataclass(frozen=True, eq=False)
-class ClippedMisfit:
+class ClippedMisfit(OverSegments):
     """What clipped readings say of a motion.
 
     Attributes
@@ -167,18 +164,16 @@ class ClippedMisfit:
         Twice the negative log likelihood, up to a constant.
     """
 
+    along = ("residuals", "roots", "shown")
+
     residuals: Floats
     roots: Floats
     shown: Floats
     cost: float
 
-    def mapped(self, function: Callable[[Floats], Floats]) -> ClippedMisfit:
-        """The same after a change of the segments."""
-        return ClippedMisfit(function(self.residuals), function(self.roots), function(self.shown), self.cost)
-
 
 @dataclass(frozen=True, eq=False)
-class ClippedReadings:
+class ClippedReadings(OverSegments):
     """Clipped readings in segments.
 
     Attributes
@@ -188,6 +183,8 @@ class ClippedReadings:
     readings, sides : array of shape (M, C, K)
         As of `ClippedSamples`; 0 where there is none.
     """
+
+    along = ("present", "readings", "sides")
 
     present: Bools
     readings: Floats
@@ -211,10 +208,6 @@ class ClippedReadings:
         if not present.any():
             return None
         return cls(present, np.where(present, readings, 0.0), np.where(present, sides, 0.0))
-
-    def mapped(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> ClippedReadings:
-        """Those after a change of the segments."""
-        return ClippedReadings(function(self.present), function(self.readings), function(self.sides))
 
     def misfit(self, residuals: Floats, unit: Floats) -> ClippedMisfit:
         """What they say of a motion.
@@ -250,8 +243,10 @@ def _score_and_curvature(beyond: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, eq=False)
-class SensorErrors:
+class SensorErrors(OverSegments):
     """c errors of unit size: `channel` (c,), and c `values` (M, K), what each adds to its samples."""
+
+    along = ("values",)
 
     channel: Indices = field(default_factory=lambda: np.empty(0, dtype=int))
     values: Sequence[Floats] = ()
@@ -260,6 +255,28 @@ class SensorErrors:
         """The channel of each error of these `sizes` (c,), and what it adds to that, (M, K)."""
         for channel, size, values in zip(self.channel.tolist(), sizes, self.values, strict=True):
             yield channel, size * values
+
+
+@dataclass(frozen=True, eq=False)
+class LateBase(OverSegments):
+    """Polynomials in the delay of what `channels` show of moving coordinates.
+
+    `coefficients` (P, M, L, K) of powers of the delay over its largest, constant first; `step` (K,) of the samples in s.
+    """
+
+    of_each = ("coefficients", "step")
+
+    channels: tuple[int, ...]
+    coefficients: Floats
+    step: Floats
+
+    def at(self, channel: int, delay: float, part: slice = slice(None)) -> tuple[Floats, Floats]:
+        """(M, k) what a channel shows that is `delay` s late, and its rate; straight on beyond the largest delay."""
+        unit = LARGEST * self.step[part]
+        value, slope = value_and_slope(
+            self.coefficients[:, :, self.channels.index(channel), part], delay / unit
+        )
+        return value, -slope / unit
 
 
 X, V, A, F, S = 0, 1, 2, 3, 4
@@ -358,20 +375,23 @@ class Sensors:
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
+class Segments(OverSegments):
     """M samples a segment, `refine` (1 or even) steps of the flow a sample and `tangent_refine` steps of its tangents.
 
     `refine` over `tangent_refine` is 1 or even.
 
     `samples` (M, C, K) are 0 where missing, `observed` (M, C, K) says where they are not; `step` (K,) in s; `linked` (K - 1,)
     says which neighbouring segments are continuous; `relative_noise` (C, K) is the noise of a channel over `Scales.sigma`,
-    None where it is the same in all records; `prior` holds the priors of the unknowns; `carried` (2, M, C, K) is what the
+    None where it is the same in all records; `prior` holds the priors of the unknowns; `carried`, twice (M, C, K), is what the
     sensors show beside `samples`, in which it is not, and its rate: the motion of moving coordinates, None without any;
     `late_base` is the same of late sensors; `random` are random forces among the states, None without any; `errors` what
     sensors add per unit of their unknown offsets; `clipped` are readings at the ends of the ranges of sensors, missing in
     `samples`, None without any; `centred` says whether samples are in the middle of their steps, of which there are two or
     more, and not at the start.
     """
+
+    along = ("samples", "observed", "inputs", "carried", "late_base", "random", "errors", "clipped")
+    of_each = ("step", "relative_noise")
 
     system: System
     sensors: Sensors
@@ -384,7 +404,7 @@ class Segments:
     tangent_refine: int = 1
     relative_noise: Floats | None = None
     prior: Prior | None = None
-    carried: Floats | None = None
+    carried: Sequence[Floats] | None = None
     late_base: LateBase | None = None
     random: RandomStates | None = None
     errors: SensorErrors = field(default_factory=SensorErrors)
@@ -434,47 +454,10 @@ class Segments:
             weights *= self.random.weights[:, :-1]
         return weights
 
-    def mapped(self, change: Callable[[NDArray[Any]], NDArray[Any]], firsts: Indices, linked: Bools) -> Self:
-        """With each array over samples or steps changed, to segments that begin with those whose numbers are `firsts`.
-
-        Late bases and random forces stay.
-        """
-        noise = self.relative_noise
-        return replace(
-            self,
-            samples=change(self.samples),
-            observed=change(self.observed),
-            step=self.step[firsts],
-            linked=linked,
-            inputs=self.inputs.mapped(change, firsts),
-            relative_noise=None if noise is None else noise[:, firsts],
-            carried=None if self.carried is None else np.stack([*map(change, self.carried)]),
-            errors=replace(self.errors, values=[*map(change, self.errors.values)]),
-            clipped=self.clipped and self.clipped.mapped(change),
-        )
-
     def chosen(self, which: Indices) -> Self:
         """Some of the segments; those that follow each other in the record stay linked."""
         linked = self.linked[which[:-1]] & (np.diff(which) == 1)
-        return replace(
-            self.mapped(lambda values: values[..., which], which, linked),
-            late_base=self.late_base and self.late_base.chosen(which),
-            random=self.random and self.random.chosen(which),
-        )
-
-    def late(
-        self, channel: int, orbit: Trajectories, point: Iterate, part: slice = slice(None)
-    ) -> tuple[Floats, Floats]:
-        """(M, k) what a late sensor shows of an orbit with points, in some segments, and the rate of it."""
-        sensors = self.sensors
-        return late_motion(
-            orbit,
-            self.step[part] * self.refine,
-            self.refine,
-            mass=int(sensors.mass[channel]),
-            kind=int(sensors.kind[channel]),
-            delay=float(point.delays[sensors.delay[channel]]),
-        )
+        return replace(self.part(which), linked=linked)
 
     @cached_property
     def moved_apart(self) -> list[int]:
