@@ -431,8 +431,8 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     if segments.random is not None:
         prior += segments.random.cost(point.nodes, point.border)
     data, continuity = loss.total(residuals), float(np.vdot(defects, defects))
-    costs = {"data": data, "continuity": continuity, "prior": prior}
-    return replace(misfit, defects=defects, clipped=clipped, **costs)
+    found = residuals, defects, data, continuity, prior, clipped
+    return Misfit(segments, scales, loss, point, misfit.orbit, *found)
 
 
 def _at_samples(
