@@ -19,7 +19,7 @@ from linkwise.identification.limit_result import Limit, true_path
 from linkwise.likelihood.fisher_information import Precision, RandomInputs, fisher_information
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.residuals import Gaussian, evaluate
-from linkwise.likelihood.shooting.segmentation import cut_segments
+from linkwise.likelihood.shooting.segmentation import Cut, cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import CandidateForces
@@ -205,7 +205,7 @@ def limit(
 
     def bound(count: int, of_inputs: Mapping[str, float] | None = None) -> Precision | None:
         steps = count * refinement
-        segments = cut_segments(pieces, unknown_structure, system, samples=steps, refine=1)
+        segments = cut_segments(Cut(pieces, steps, 1), unknown_structure, system)
         point = Iterate(_true_nodes(pieces, steps, names), values, np.zeros(0))
         random = _random_inputs(segments, point, scales, true, of_inputs, refinement) if of_inputs else None
         with np.errstate(over="ignore", invalid="ignore"):

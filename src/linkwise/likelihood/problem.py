@@ -25,7 +25,7 @@ from linkwise.likelihood.random_forces import (
 )
 from linkwise.likelihood.shooting.residuals import Gaussian, Misfit, evaluate, with_bounds_for
 from linkwise.likelihood.shooting.segmentation import (
-    cut,
+    Cut,
     cut_segments,
     in_moving_coordinates,
     require_same_channels,
@@ -220,19 +220,20 @@ class Problem:
         structure = with_random_forces(self.structure, [force.place for force in self.random])
         require_same_channels(records)
         noise = [np.array(list(own.values())) / self.sigma for own in self.noise[1:]]
-        segments = cut_segments(records, structure, system, samples=self.samples, refine=refine, noise=noise)
+        pieces = Cut(records, self.samples, refine)
+        segments = cut_segments(pieces, structure, system, noise)
         segments = replace(
             segments,
             sensors=self._sensors(segments.sensors, records[0].responses),
             prior=self.prior,
-            errors=self._errors(),
+            errors=self._errors(pieces),
             clipped=None if self.random else segments.clipped,
             centred=self.centred,
         )
         gains, delays = self.channels(Block.GAINS), self.channels(Block.DELAYS)
         late = any(Channel.parse(name).place == BASE for name in delays)
-        segments = in_moving_coordinates(segments, self.frames, late=late)
-        return with_uncertain_forces(segments, records, structure, gains, delays)
+        segments = in_moving_coordinates(segments, pieces, self.frames, late=late)
+        return with_uncertain_forces(segments, pieces, structure, gains, delays)
 
     def _sensors(self, sensors: Sensors, channels: Sequence[Channel]) -> Sensors:
         """The sensors with the numbers of the unknowns that act on each."""
@@ -251,15 +252,12 @@ class Problem:
         """How many sizes are unknown of what sensors add."""
         return sum(unknown.count for unknown in self.of_block(Block.ADDED))
 
-    def _errors(self) -> SensorErrors:
+    def _errors(self, pieces: Cut) -> SensorErrors:
         """What sensors add per unit of the unknown sizes: at the samples of all records, or of one."""
         channels, values = list[int](), list[Floats]()
         for unknown in self.of_block(Block.ADDED):
-            parts = [
-                cut(unknown.in_record(number, len(record)), self.samples)
-                for number, record in enumerate(self.records)
-            ]
-            values += [*np.nan_to_num(np.concatenate(parts, axis=2)).transpose(1, 0, 2)]
+            series = (unknown.in_record(number, len(record)) for number, record in enumerate(self.records))
+            values += [*np.nan_to_num(pieces.of(series)).transpose(1, 0, 2)]
             channels += [self.records[0].responses.index(unknown.channel)] * unknown.count
         return SensorErrors(np.array(channels, dtype=int), values)
 

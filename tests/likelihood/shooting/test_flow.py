@@ -11,7 +11,7 @@ from record_faults import without
 
 import linkwise as lw
 from linkwise.likelihood.shooting.flow import POINTS, Inputs, flow
-from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
+from linkwise.likelihood.shooting.segmentation import Cut, cut_segments, flow_inputs
 from linkwise.likelihood.shooting.system import System
 
 RATE = 1000.0
@@ -70,7 +70,7 @@ def test_the_flow_has_order_eight(three: lw.Structure) -> None:
 
 def test_inputs_between_samples_are_band_limited(three: lw.Structure) -> None:
     record = driven(three)
-    inputs = flow_inputs([record], three, [81], samples=5, refine=2)
+    inputs = flow_inputs(Cut([record], 5, 2), three)
     exact = exact_inputs(np.arange(81) * 5e-3, 5e-4, 10)
     force, base = present(inputs.force), present(inputs.base)
     exact_force, exact_base = present(exact.force), present(exact.base)
@@ -103,4 +103,4 @@ def test_records_of_other_channels_are_refused(three: lw.Structure) -> None:
     record = driven(three, sensors=("x",))
     fewer = record.select(["x:m1", "x:m2", "force:m2", "x:base"])[50:]
     with pytest.raises(lw.IdentificationError, match=r"same channels in the same order.*record\.select"):
-        cut_segments([record, fewer], three, System.of(three), samples=5, refine=1)
+        cut_segments(Cut([record, fewer], 5, 1), three, System.of(three))

@@ -26,7 +26,7 @@ from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.normal_equations import BorderedSystem, linearise
 from linkwise.likelihood.shooting.residuals import Gaussian, Huber, Loss, Misfit, Student, evaluate
-from linkwise.likelihood.shooting.segmentation import cut_segments
+from linkwise.likelihood.shooting.segmentation import Cut, cut_segments
 from linkwise.likelihood.shooting.segments import (
     ClippedReadings,
     Iterate,
@@ -70,7 +70,7 @@ def records(three: lw.Structure) -> list[lw.Record]:
 
 @pytest.fixture(scope="module")
 def segments(records: list[lw.Record], unknown: lw.Structure) -> Segments:
-    cut = cut_segments(records, unknown, System.of(unknown), samples=5, refine=4)
+    cut = cut_segments(Cut(records, 5, 4), unknown, System.of(unknown))
     shown = [name for name in CHANNELS if not name.startswith(("force:", "x:base"))]
     channels = np.array([shown.index(name) for name in OFFSETS])
     errors = SensorErrors(channels, [np.ones((5, cut.count))] * len(channels))

@@ -7,13 +7,13 @@ as well, and every mass carries a force of inertia. Applied forces whose channel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.shooting.delay_polynomials import EDGE, LARGEST, at_delays, powers_through
 from linkwise.likelihood.shooting.flow import POINTS, Inputs, UncertainForces
@@ -32,29 +32,92 @@ _AROUND = 200  # samples: splines forget what is farther away, to the last digit
 _KINDS = {"x": X, "v": V, "a": A, "f": F, "state": S}
 
 
-def cut_segments(
-    records: Sequence[Record],
-    structure: Structure,
-    system: System,
-    *,
-    samples: int,
-    refine: int,
-    noise: Sequence[Floats] = (),
-) -> Segments:
-    """Cut records with the same response channels into segments, one record after the other.
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Records in segments of so many `samples`, with `refine` steps of the flow a sample."""
+
+    records: Sequence[Record]
+    samples: int
+    refine: int
+
+    @cached_property
+    def counts(self) -> list[int]:
+        """Segments of each record."""
+        return [-(-len(record) // self.samples) for record in self.records]
+
+    def of(self, series: Iterable[Floats]) -> Floats:
+        """(samples, ..., K) of a series (N, ...) of each record; NaN behind its end."""
+        parts = []
+        for values, count in zip(series, self.counts, strict=True):
+            padded = np.full((count * self.samples, *values.shape[1:]), np.nan)
+            padded[: len(values)] = values
+            parts.append(padded.reshape(count, self.samples, *values.shape[1:]))
+        return np.ascontiguousarray(np.moveaxis(np.concatenate(parts), 0, -1))
+
+    def time(self, number: int, first: int, last: int) -> Floats:
+        """(steps, points, segments) in s from the start of a record, of its segments from the first to the last."""
+        steps = np.arange(first * self.samples * self.refine, last * self.samples * self.refine)
+        points = steps.reshape(last - first, -1).T[:, None, :] + POINTS[None, :, None]
+        return np.asarray((self.records[number].step / self.refine) * points)
+
+    def at_points(self, name: str, series: Iterable[Floats], *, derivative: bool = False) -> Floats:
+        """(steps, points, K) an input at the points of steps, from a series (N,) of each record, or its rate; held behind the
+        last sample, and interpolated as the records state for the channel of a name.
+        """
+        pieces = [
+            self._of_record(number, record.interpolation.get(name, BAND_LIMITED), values, derivative)
+            for number, (record, values) in enumerate(zip(self.records, series, strict=True))
+        ]
+        return np.concatenate(pieces, axis=2) if len(pieces) > 1 else pieces[0]
+
+    def _of_record(self, number: int, kind: str, values: Floats, derivative: bool) -> Floats:
+        """That of one record; a long band-limited signal is interpolated block by block, with as many samples around each as
+        the interpolation reaches.
+        """
+        record, count, samples = self.records[number], self.counts[number], self.samples
+        result = np.zeros((samples * self.refine, len(POINTS), count))
+        if kind == HELD and not derivative:  # which jumps at a sample
+            steps = np.arange(count * samples * self.refine).reshape(count, -1)
+            result[:] = values[np.minimum(steps.T // self.refine, len(values) - 1)][:, None, :]
+        if kind == HELD:
+            return result
+        end = (len(values) - 1) / record.rate
+        size = count if len(values) <= _BLOCK or kind != BAND_LIMITED else _BLOCK // samples
+        for first in range(0, count, size):
+            last = min(first + size, count)
+            begin, behind = max(first * samples - _AROUND, 0), min(last * samples + _AROUND, len(values))
+            begin = min(begin, max(behind - _AROUND, 0))  # where little is left behind a block
+            signal = interpolated(begin * record.step, record.rate, values[begin:behind], kind)
+            time = self.time(number, first, last)
+            inside = np.minimum(time, end)
+            shown = signal.derivative(inside) if derivative else signal.value(inside)
+            result[..., first:last] = np.where(time <= end, shown, 0.0) if derivative else shown
+        return result
+
+    def at_delays(self, series: Iterable[Floats]) -> Floats:
+        """(P, steps, points, K) coefficients of powers of the delay of an input at the points of steps, constant first.
+
+        Beyond the ends of the record it runs straight on, and stays from the last sample on where no delay counts.
+        """
+        pieces = []
+        for number, (record, values) in enumerate(zip(self.records, series, strict=True)):
+            signal = interpolated(0.0, record.rate, values)
+            time = np.minimum(self.time(number, 0, self.counts[number]), signal.end)
+            pieces.append(at_delays(signal, time, -LARGEST / record.rate))
+        return powers_through(np.concatenate(pieces, axis=3))
+
+
+def cut_segments(pieces: Cut, structure: Structure, system: System, noise: Sequence[Floats] = ()) -> Segments:
+    """Records with the same response channels in segments, one record after the other.
 
     Parameters
     ----------
-    records : sequence of Record
-        The records.
+    pieces : Cut
+        The records, and how they are cut.
     structure : Structure
         The structure.
     system : System
         The structure as arrays.
-    samples : int
-        Samples in a segment.
-    refine : int
-        Steps of the flow per sample.
     noise : sequence of array of shape (C,), optional
         For each record behind the first the noise of its channels relative to that in the first.
 
@@ -68,32 +131,27 @@ def cut_segments(
     IdentificationError
         If channels differ between records, inputs have gaps, or a response belongs to no mass.
     """
+    records, counts = pieces.records, pieces.counts
     channels = records[0].responses
     _require_known_channels(records, structure, channels)
-    parts = [cut(record.select(channels).values, samples) for record in records]
-    counts = [part.shape[2] for part in parts]
-    data = np.concatenate(parts, axis=2)
+    data = pieces.of(record.select(channels).values for record in records)
     observed = np.isfinite(data)
-    step = np.repeat([record.step / refine for record in records], counts)
+    linked = np.ones(sum(counts) - 1, dtype=bool)
+    linked[np.cumsum(counts)[:-1] - 1] = (
+        False  # between the last segment of a record and the first of the next
+    )
     return Segments(
         system=system,
         sensors=sensor_arrays(channels, structure),
         samples=np.where(observed, data, 0.0),
         observed=observed,
-        step=step,
-        linked=_linked(counts),
-        inputs=flow_inputs(records, structure, counts, samples=samples, refine=refine),
-        refine=refine,
+        step=np.repeat([record.step / pieces.refine for record in records], counts),
+        linked=linked,
+        inputs=flow_inputs(pieces, structure),
+        refine=pieces.refine,
         relative_noise=np.repeat(np.stack([np.ones(len(channels)), *noise], 1), counts, 1) if noise else None,
-        clipped=ClippedReadings.of(records, channels, partial(cut, samples=samples)),
+        clipped=ClippedReadings.of(records, channels, pieces.of),
     )
-
-
-def _linked(counts: Sequence[int]) -> Bools:
-    """(K - 1,) False between the last segment of a record and the first of the next."""
-    linked = np.ones(sum(counts) - 1, dtype=bool)
-    linked[np.cumsum(counts)[:-1] - 1] = False
-    return linked
 
 
 def sensor_arrays(channels: Sequence[Channel], structure: Structure) -> Sensors:
@@ -182,66 +240,20 @@ def require_units_of_states(record: Record, structure: Structure) -> None:
             )
 
 
-def cut(values: Floats, samples: int) -> Floats:
-    """Cut series into segments.
-
-    Parameters
-    ----------
-    values : array of shape (N, C)
-        The series.
-    samples : int
-        Samples in a segment.
-
-    Returns
-    -------
-    array of shape (samples, C, K)
-        The segments; NaN behind the end of the series.
-    """
-    count = -(-len(values) // samples)
-    padded = np.full((count * samples, values.shape[1]), np.nan)
-    padded[: len(values)] = values
-    return np.ascontiguousarray(padded.reshape(count, samples, values.shape[1]).transpose(1, 2, 0))
-
-
-def flow_inputs(
-    records: Sequence[Record], structure: Structure, counts: Sequence[int], *, samples: int, refine: int
-) -> Inputs:
+def flow_inputs(pieces: Cut, structure: Structure) -> Inputs:
     """Applied forces, motion of the base and signals at the points of every step, interpolated as the records state.
 
-    Parameters
-    ----------
-    records : sequence of Record
-        The records.
-    structure : Structure
-        The structure.
-    counts : sequence of int
-        Number of segments of each record.
-    samples : int
-        Samples in a segment.
-    refine : int
-        Steps of the flow per sample.
-
-    Returns
-    -------
-    Inputs
-        The inputs.
-
-    Raises
-    ------
-    IdentificationError
-        If an input has missing samples, or the displacement of the base is needed and not recorded.
+    Raises IdentificationError if an input has missing samples, or the displacement of the base is needed and not recorded.
     """
-    grid = samples, refine
 
     def along(name: str, *, derivative: bool = False) -> Floats:
-        pieces = []
-        for record, count in zip(records, counts, strict=True):
-            values, kind = record.channel(name), record.interpolation.get(name, BAND_LIMITED)
+        series = [record.channel(name) for record in pieces.records]
+        for record, values in zip(pieces.records, series, strict=True):
             require_complete(name, values, record.start, record.rate)
-            pieces.append(value_at_points(record, values, count, grid, kind, derivative=derivative))
-        return np.concatenate(pieces, axis=2) if len(pieces) > 1 else pieces[0]
+        return pieces.at_points(name, series, derivative=derivative)
 
-    return inputs_along(records[0], structure, (samples * refine, sum(counts)), along)
+    size = pieces.samples * pieces.refine, sum(pieces.counts)
+    return inputs_along(pieces.records[0], structure, size, along)
 
 
 def inputs_along(
@@ -257,8 +269,10 @@ def inputs_along(
         for name in (*structure.mass_names, *structure.points)
         if f"force:{name}" in record.channels
     ]
-    force = base = None
-    at_points = forces_at_points(structure, [name.place for _, name in forced], size)
+    force = base = at_points = None
+    uncertain = any(mode.shape_sigma for host in structure.hosts for mode in host.modes)
+    if uncertain and any(name.place in structure.points for _, name in forced):
+        at_points = np.zeros((size[0], len(POINTS), len(structure.points), size[1]))
     if forced:
         force = np.zeros((size[0], len(POINTS), structure.size, size[1]))
         for row, name in forced:
@@ -284,67 +298,8 @@ def inputs_along(
     return Inputs(force, base, points=at_points, signals=signals)
 
 
-def forces_at_points(structure: Structure, places: Sequence[str], size: tuple[int, int]) -> Floats | None:
-    """Room (J, 5, k, K) for forces on the k points of hosts, `size` being (J, K); None where `channels` or shapes need none.
-
-    Parameters
-    ----------
-    structure : Structure
-        The structure.
-    places : sequence of str
-        Where forces are applied.
-    size : tuple of int
-        Number of steps, and of segments.
-
-    Returns
-    -------
-    array or None
-        Zeros.
-    """
-    uncertain = any(mode.shape_sigma for host in structure.hosts for mode in host.modes)
-    if not uncertain or not any(name in structure.points for name in places):
-        return None
-    return np.zeros((size[0], len(POINTS), len(structure.points), size[1]))
-
-
-def value_at_points(
-    record: Record,
-    values: Floats,
-    count: int,
-    grid: tuple[int, int],
-    kind: str = BAND_LIMITED,
-    *,
-    derivative: bool = False,
-) -> Floats:
-    """(steps, points, segments) an input at the points of steps, held behind the last sample, or its rate.
-
-    `grid` are the samples in a segment and the steps in a sample. A long band-limited signal is interpolated block by block,
-    with as many samples around each as the interpolation reaches.
-    """
-    samples, refine = grid
-    result = np.zeros((samples * refine, len(POINTS), count))
-    if kind == HELD and not derivative:  # which jumps at a sample
-        steps = np.arange(count * samples * refine).reshape(count, samples * refine)
-        result[:] = values[np.minimum(steps.T // refine, len(values) - 1)][:, None, :]
-    if kind == HELD:
-        return result
-    end_of_signal = record.start + (len(values) - 1) / record.rate
-    size = count if len(values) <= _BLOCK or kind != BAND_LIMITED else _BLOCK // samples
-    for first in range(0, count, size):
-        last = min(first + size, count)
-        begin, end = max(first * samples - _AROUND, 0), min(last * samples + _AROUND, len(values))
-        begin = min(begin, max(end - _AROUND, 0))  # where little is left behind a block
-        signal = interpolated(record.start + begin * record.step, record.rate, values[begin:end], kind)
-        steps = np.arange(first * samples * refine, last * samples * refine).reshape(last - first, -1)
-        time = record.start + record.step / refine * (steps.T[:, None, :] + POINTS[None, :, None])
-        inside = np.minimum(time, end_of_signal)
-        shown = signal.derivative(inside) if derivative else signal.value(inside)
-        result[..., first:last] = np.where(time <= end_of_signal, shown, 0.0) if derivative else shown
-    return result
-
-
 def in_moving_coordinates(
-    segments: Segments, frames: Sequence[FramedRecord], *, late: bool = False
+    segments: Segments, pieces: Cut, frames: Sequence[FramedRecord], *, late: bool = False
 ) -> Segments:
     """Add to segments of records in coordinates that move what their sensors show of that, and its acceleration.
 
@@ -352,6 +307,8 @@ def in_moving_coordinates(
     ----------
     segments : Segments
         The segments of all records.
+    pieces : Cut
+        How these are cut.
     frames : sequence of FramedRecord
         The records.
     late : bool, optional
@@ -362,65 +319,50 @@ def in_moving_coordinates(
     Segments
         The segments; the same where no coordinates move.
     """
-    samples, refine = len(segments.samples), segments.refine
-    accelerations = [
-        value_at_points(frame.record, frame.acceleration, -(-len(frame.record) // samples), (samples, refine))
-        for frame in frames
-        if frame.acceleration is not None
-    ]
-    frame = np.concatenate(accelerations, axis=2) if accelerations else None
-    inputs = replace(segments.inputs, frame=frame)
-    carried = _carried(frames, samples)
+    accelerations = [frame.acceleration for frame in frames if frame.acceleration is not None]
+    frame = pieces.at_points("", accelerations) if accelerations else None
+    segments = replace(segments, inputs=replace(segments.inputs, frame=frame))
+    if not any(frame.carried for frame in frames):
+        return segments
+    carried = [np.nan_to_num(pieces.of(_carried(frame, rate) for frame in frames)) for rate in (0, 1)]
+    segments = replace(segments, carried=carried)
     which = np.arange(len(segments.sensors.kind)) if late else segments.sensors.late
-    if carried is None or not len(which):
-        return replace(segments, inputs=inputs, carried=carried)
-    base, inside = _late_base(segments, frames, which.tolist())
+    if not len(which):
+        return segments
+    base, inside = _late_base(segments, pieces, frames, which)
     observed = segments.observed & inside
-    samples_inside = np.where(observed, segments.samples, 0.0)
-    segments = replace(segments, observed=observed, samples=samples_inside, clipped=None)
-    return replace(segments, inputs=inputs, carried=carried, late_base=base)
+    samples = np.where(observed, segments.samples, 0.0)
+    return replace(segments, observed=observed, samples=samples, clipped=None, late_base=base)
+
+
+def _carried(frame: FramedRecord, rate: int) -> Floats:
+    """(N, C) what the sensors show of moving coordinates, or the rate of that."""
+    nothing = np.zeros((2, len(frame.record)))
+    return np.stack([frame.carried.get(name, nothing)[rate] for name in frame.names.values()], axis=1)
 
 
 def _late_base(
-    segments: Segments, frames: Sequence[FramedRecord], late: Sequence[int]
+    segments: Segments, pieces: Cut, frames: Sequence[FramedRecord], late: Indices
 ) -> tuple[LateBase, Bools]:
     """What late sensors show of moving coordinates, and (M, C, K) where the record of the base reaches far enough for it."""
-    values, inside = [], []
+    delayed, inside = [], []
     for frame in frames:
-        names, nothing = list(frame.names.values()), np.zeros((1, len(frame.record)))
-        shown = [frame.carried.get(names[channel], nothing)[0] for channel in late]
         rate, time = frame.record.rate, np.arange(len(frame.record)) / frame.record.rate
-        signals = (interpolated(0.0, rate, values) for values in shown)
-        delayed = np.stack([at_delays(signal, time, LARGEST / rate) for signal in signals], axis=2)
-        values.append(np.stack([cut(signal, len(segments.samples)) for signal in delayed]))
-        reaches = np.ones((len(frame.record), len(names)))
-        for channel in late:
-            if names[channel] in frame.carried:
+        signals = (interpolated(0.0, rate, values) for values in _carried(frame, 0).T[late])
+        shown = [at_delays(signal, time, LARGEST / rate).T for signal in signals]
+        delayed.append(np.stack(shown, axis=1))  # (N, L, P)
+        reaches = np.ones((len(frame.record), len(frame.names)))
+        for channel in late.tolist():
+            if list(frame.names.values())[channel] in frame.carried:
                 reaches[:EDGE, channel] = reaches[-EDGE:, channel] = 0.0
-        inside.append(np.nan_to_num(cut(reaches, len(segments.samples))))
-    through = np.nan_to_num(np.concatenate(values, axis=3))
-    base = LateBase(tuple(late), powers_through(through), segments.step * segments.refine)
-    return base, np.concatenate(inside, axis=2) > 0.0
-
-
-def _carried(frames: Sequence[FramedRecord], samples: int) -> Sequence[Floats] | None:
-    """(M, C, K), twice: what the sensors show of moving coordinates, and its rate; 0 behind the end of a record."""
-    if not any(frame.carried for frame in frames):
-        return None
-    parts = []
-    for frame in frames:
-        nothing = np.zeros((2, len(frame.record)))
-        shown = np.stack([frame.carried.get(name, nothing) for name in frame.names.values()], axis=2)
-        parts.append(np.stack([cut(values, samples) for values in shown]))
-    return [*np.nan_to_num(np.concatenate(parts, axis=3))]
+        inside.append(reaches)
+    through = np.moveaxis(np.nan_to_num(pieces.of(delayed)), 2, 0)
+    base = LateBase(tuple(late.tolist()), powers_through(through), segments.step * segments.refine)
+    return base, np.nan_to_num(pieces.of(inside)) > 0.0
 
 
 def with_uncertain_forces(
-    segments: Segments,
-    records: Sequence[Record],
-    structure: Structure,
-    gains: Sequence[str],
-    delays: Sequence[str],
+    segments: Segments, pieces: Cut, structure: Structure, gains: Sequence[str], delays: Sequence[str]
 ) -> Segments:
     """Add to segments the applied forces of which a gain or a delay is among the unknowns.
 
@@ -428,8 +370,8 @@ def with_uncertain_forces(
     ----------
     segments : Segments
         The segments of all records.
-    records : sequence of Record
-        The records, in the coordinates of the equations.
+    pieces : Cut
+        The records, in the coordinates of the equations, and how they are cut.
     structure : Structure
         The structure.
     gains, delays : sequence of str
@@ -453,13 +395,11 @@ def with_uncertain_forces(
     if not channels:
         return segments
     late = [name for name in channels if name in delays]
-    _require_band_limited(records, late)
-    shown = [_shown(segments, records, structure, name, name in delays) for name in channels]
-    powers = max(map(len, shown))
-    coefficients = tuple(
-        np.stack([own[power] if power < len(own) else np.zeros_like(own[0]) for own in shown], axis=2)
-        for power in range(powers)
-    )
+    _require_band_limited(pieces.records, late)
+    shown = [_shown(segments, pieces, structure, name, name in delays) for name in channels]
+    coefficients = np.zeros((max(map(len, shown)), *shown[0][0].shape[:2], len(shown), segments.count))
+    for number, own in enumerate(shown):
+        coefficients[: len(own), :, :, number] = own
     places = [channel.place for channel in channels]
     points = np.array([structure.points.index(name) if name in structure.points else -1 for name in places])
     masses = [structure.mass_names.index(name) if name in structure.mass_names else -1 for name in places]
@@ -475,7 +415,7 @@ def with_uncertain_forces(
         gains=np.array([gains.index(name) if name in gains else -1 for name in channels]),
         delays=np.array([delays.index(name) if name in delays else -1 for name in channels]),
         certain=np.zeros_like(segments.inputs.force),
-        coefficients=coefficients,
+        coefficients=[*coefficients],
         unit=LARGEST * segments.step * segments.refine,
     )
     nothing = np.zeros(len(delays))
@@ -494,47 +434,21 @@ def _require_band_limited(records: Sequence[Record], late: Sequence[str]) -> Non
             )
 
 
-def _shown(
-    segments: Segments, records: Sequence[Record], structure: Structure, name: Channel, late: bool
-) -> tuple[Floats, ...]:
-    """(J, 5, K) what a channel shows, less forces of inertia, or the acceleration of moving coordinates, at the points of
+def _shown(segments: Segments, pieces: Cut, structure: Structure, name: Channel, late: bool) -> Floats:
+    """(1, J, 5, K) what a channel shows, less forces of inertia, or the acceleration of moving coordinates, at the points of
     every step; where late, powers of the delay. IdentificationError for a base whose acceleration is not that.
     """
-    samples = len(segments.samples)
-    pieces = []
-    for record in records:
+    series = []
+    for record in pieces.records:
         acceleration = frame_acceleration(record)
-        if name.place == BASE:
-            _require_moving(name, acceleration)
+        if name.place == BASE and acceleration is None:
+            raise IdentificationError(
+                f"no gain or delay of {name} can be estimated: the equations take no acceleration from it, as it moves no "
+                "link or its displacement is recorded. Record its acceleration alone, or leave its gain and delay out"
+            )
         values = record.channel(f"a:{BASE}" if name.place == BASE else name)
         if acceleration is not None and name.place in structure.mass_names:
             number = structure.mass_names.index(name.place)
             values = values + segments.system.parameters.stated_masses[number] * acceleration
-        count, grid = -(-len(record) // samples), (samples, segments.refine)
-        kind = record.interpolation.get(name, BAND_LIMITED)
-        if late:
-            pieces.append(_at_delays(record, values, count, grid))
-        else:
-            pieces.append(value_at_points(record, values, count, grid, kind)[None])
-    joined = np.concatenate(pieces, axis=3)
-    return tuple(powers_through(joined)) if late else (joined[0],)
-
-
-def _require_moving(name: Channel, acceleration: Floats | None) -> None:
-    if acceleration is None:
-        raise IdentificationError(
-            f"no gain or delay of {name} can be estimated: the equations take no acceleration from it, as it moves no link or "
-            "its displacement is recorded. Record its acceleration alone, or leave its gain and delay out"
-        )
-
-
-def _at_delays(record: Record, values: Floats, count: int, grid: tuple[int, int]) -> Floats:
-    """(P, J, 5, K) a force at the points of every step, if its channel is late by Chebyshev's points, ascending.
-
-    Beyond the ends of the record it runs straight on, and stays from the last sample on where no delay counts.
-    """
-    samples, refine = grid
-    signal = interpolated(0.0, record.rate, values)
-    steps = np.arange(count * samples * refine).reshape(count, samples * refine)
-    time = np.minimum((record.step / refine) * (steps.T[:, None, :] + POINTS[None, :, None]), signal.end)
-    return at_delays(signal, time, -LARGEST / record.rate)
+        series.append(values)
+    return pieces.at_delays(series) if late else pieces.at_points(name, series)[None]

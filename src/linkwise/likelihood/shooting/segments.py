@@ -192,18 +192,18 @@ class ClippedReadings(OverSegments):
 
     @classmethod
     def of(
-        cls, records: Sequence[Record], channels: Sequence[str], cut: Callable[[Floats], Floats]
+        cls, records: Sequence[Record], channels: Sequence[str], cut: Callable[[list[Floats]], Floats]
     ) -> ClippedReadings | None:
-        """Those of the `channels` of records, each `cut` into segments; None without any."""
-        parts = []
+        """Those of the `channels` of records, `cut` into segments; None without any."""
+        series = []
         for record in records:
-            both = np.full((2, len(record), len(channels)), np.nan)
+            both = np.full((len(record), 2, len(channels)), np.nan)
             for number, name in enumerate(channels):
                 own = record.clipped.get(name)
                 if own is not None and (own := own.of(record.channel(name))) is not None:
-                    both[0, :, number], both[1, :, number] = own.readings, own.sides
-            parts.append(np.stack([cut(values) for values in both]))
-        readings, sides = np.concatenate(parts, axis=3)
+                    both[:, 0, number], both[:, 1, number] = own.readings, own.sides
+            series.append(both)
+        readings, sides = cut(series).transpose(1, 0, 2, 3)
         present = np.isfinite(readings)
         if not present.any():
             return None
