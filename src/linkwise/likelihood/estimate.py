@@ -421,7 +421,7 @@ class _Search:
 def _along(fit: LikelihoodFit, framed_ones: Sequence[Record], structure: Structure) -> list[Record]:
     """The first of records in the coordinates of the equations, with the motion of a fit, which has no drift, for sensors."""
     record, states = framed_ones[0], fit.misfit.trajectories.states[fit.segments.at_samples]
-    x = states[:, 0].transpose(2, 0, 1).reshape(-1, structure.size)[: len(record)]
+    x = fit.segments.in_records(states[:, 0], framed_ones)[0]
     kept = record.select([name for name in record.channels if name.is_input or name.kind not in MOTIONS])
     channels = (*kept.channels, *(f"x:{name}" for name in structure.mass_names))
     return [Record(record.start, record.rate, channels, np.column_stack([kept.values, x]))]

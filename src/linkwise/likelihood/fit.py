@@ -22,7 +22,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes, forces_with_memory
 from linkwise.likelihood.marginal import marginal_fit
-from linkwise.likelihood.noise import with_noise_of_residuals
+from linkwise.likelihood.noise import residual_levels, with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import SAMPLES, Problem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
@@ -311,16 +311,14 @@ def with_denoised(fit: LikelihoodFit, records: Sequence[Record], errors: Sequenc
 def _denoised(fit: LikelihoodFit, records: Sequence[Record], term: OfMotion) -> list[Floats]:
     """What an error, with its size in the first record, leaves of the motion in each record (N,)."""
     segments, number = fit.segments, records[0].responses.index(term.channel)
-    ends = np.cumsum([0, *(-(-len(record) // len(segments.samples)) for record in records)])
     size = next(float(one.sizes[0]) for one in fit.found if one.term == term)
     taken = fit.misfit.residuals[:, number] * segments.deviations(fit.optimum.scales)[number]
     for channel, added in segments.errors.added(fit.optimum.point.offsets):
         taken = taken + added * (channel == number)
     series = []
-    for record, part in zip(records, map(slice, ends[:-1], ends[1:]), strict=True):
+    for record, own in zip(records, segments.in_records(taken, records), strict=True):
         samples = record.channel(term.channel)
-        motion = samples - taken[:, part].T.ravel()[: len(record)]
-        series.append(term.left(motion, samples, record.step, size))
+        series.append(term.left(samples - own, samples, record.step, size))
     return series
 
 
@@ -388,9 +386,7 @@ def _prior_conflicts(explained: ExplainedFit) -> Floats:
 def _found_noise(fit: AnnealingFit, channels: Sequence[str]) -> dict[str, float]:
     if fit.misfit.segments.random is not None:  # whose most likely values take a part of the noise
         return dict(zip(channels, map(float, fit.scales.sigma), strict=True))
-    squares = np.sum(fit.misfit.residuals**2, axis=(0, 2))
-    counts = np.maximum(np.sum(fit.misfit.residuals != 0.0, axis=(0, 2)), 1)
-    return dict(zip(channels, map(float, fit.scales.sigma * np.sqrt(squares / counts)), strict=True))
+    return dict(zip(channels, (fit.scales.sigma * residual_levels(fit.misfit)).tolist(), strict=True))
 
 
 def _force_error(fit: AnnealingFit) -> Floats:
@@ -409,14 +405,11 @@ def motion_of_links(
     The residuals (M, C, K) of channels are those of the fit, or those `judged` in its place.
     """
     records = framed_records(records, identified, integrated=True)
-    segments, samples = fit.segments, len(fit.segments.samples)
-    whole = [-(-len(record) // samples) * samples for record in records]
-    firsts = np.cumsum([0, *whole[:-1]])
-    own = np.concatenate([first + np.arange(len(one)) for first, one in zip(firsts, records, strict=True)])
+    segments = fit.segments
 
     def at_samples(values: Floats) -> Floats:
         """(N, ...) values (M, ..., K) in segments at the samples of all records."""
-        return np.asarray(values.transpose(2, 0, 1).reshape(sum(whole), -1)[own])
+        return np.concatenate(segments.in_records(values, records))
 
     states = fit.misfit.trajectories.states[segments.at_samples]
     x, v = at_samples(states[:, 0]), at_samples(states[:, 1] / segments.step)

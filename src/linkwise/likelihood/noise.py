@@ -95,21 +95,17 @@ def evidence(fit: AnnealingFit) -> tuple[float, float]:
     misfit.orbit.release()
     if factor is None:
         return 1.0, np.inf
-    freedom = degrees_of_freedom(fit)
+    degrees = degrees_of_freedom(fit)
     defects = misfit.segments.system.dimension * int(misfit.segments.linked.sum())
-    noise = np.sqrt(misfit.cost_of_samples(q) / (freedom * misfit.loss.expected))
+    noise = np.sqrt(misfit.cost_of_samples(q) / (degrees * misfit.loss.expected))
     return float(noise), float(
-        2.0 * freedom * np.log(noise) + 2.0 * defects * np.log(q) + factor.log_determinant(~fit.at_bound)
+        2.0 * degrees * np.log(noise) + 2.0 * defects * np.log(q) + factor.log_determinant(~fit.at_bound)
     )
 
 
-def degrees_of_freedom(fit: AnnealingFit) -> int:
-    """Residuals, priors and defects less nodes and parameters."""
-    segments = fit.misfit.segments
-    defects = segments.system.dimension * int(segments.linked.sum())
-    nodes = segments.system.dimension * int((~segments.unconstrained).sum())
-    known = 0 if segments.prior is None else segments.prior.count
-    return fit.samples + known + defects - nodes - int((~fit.at_bound).sum())
+def degrees_of_freedom(fit: AnnealingFit) -> float:
+    """Residuals, priors and defects less nodes and parameters that are not at a bound."""
+    return freedom(fit.misfit.segments) + int(fit.at_bound.sum())
 
 
 def lag_one_autocorrelation(misfit: Misfit) -> float:

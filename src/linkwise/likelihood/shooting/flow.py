@@ -285,7 +285,7 @@ class Inputs(OverSegments):
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectories:
+class Trajectories(OverSegments):
     """J steps from the nodes of K segments; SI units except u = h v.
 
     Attributes
@@ -305,6 +305,10 @@ class Trajectories:
     middle_memory : array of shape (J, S + U, K)
         The same in the middles.
     """
+
+    along = (
+        "states", "links", "accelerations", "middle_links", "middle_accelerations", "memory", "middle_memory"
+    )  # fmt: skip
 
     states: Floats  # (J + 1, 2, n, K) x and u at the steps' ends
     links: Floats  # (J + 1, 2, L, K) d and v there
@@ -326,34 +330,19 @@ class Trajectories:
         x, u = self.states[-1]
         return np.concatenate([x, u * (1.0 / step), self.memory[-1]])
 
-    def part(self, segments: slice | Indices) -> Trajectories:
-        """The trajectories of some segments."""
-        return Trajectories(*(a[..., segments] for a in self._arrays))
-
     def replaced(self, others: Trajectories, where: Bools) -> Trajectories:
         """The trajectories, those of some segments by those of `others`; `where` is (K,)."""
         if where.all():
             return others
         if not where.any():
             return self
-        pairs = zip(others._arrays, self._arrays, strict=True)
+        pairs = ((getattr(others, name), getattr(self, name)) for name in self.along)
         return Trajectories(*(np.where(where, *pair) for pair in pairs))
 
     def end_to_end(self, parts: Indices) -> Trajectories:
         """The trajectories of segments that consist of several of these each, whose numbers are `parts` (K', f)."""
-        steps, joined = len(self.middle_links), []
-        for values in self._arrays:
-            last = len(values) - steps  # 1 where there is a value at the end of the last step
-            both = np.empty((parts.shape[1] * steps + last, *values.shape[1:-1], len(parts)))
-            for number, own in enumerate(parts.T):
-                np.take(values[:steps], own, axis=-1, out=both[number * steps : (number + 1) * steps])
-            both[len(both) - last :] = values[steps:][..., parts[:, -1]]
-            joined.append(both)
-        return Trajectories(*joined)
-
-    @property
-    def _arrays(self) -> tuple[Floats, ...]:
-        return tuple(vars(self).values())
+        steps = len(self.middle_links)
+        return self.mapped(lambda values: end_to_end(values, parts, steps))
 
     def thinned(self, refine: int) -> Trajectories:
         """The same orbit in longer steps: ends of old steps become middles of new ones.
@@ -382,6 +371,18 @@ class Trajectories:
             self.memory[::refine],
             self.memory[half],
         )
+
+
+def end_to_end(values: NDArray[Any], parts: Indices, steps: int) -> NDArray[Any]:
+    """(f J, ..., K') of values (J, ..., K) in segments of J `steps`, of which `parts` (K', f) are joined; and, where there is
+    one, the value at the end of the last step.
+    """
+    behind = len(values) - steps
+    both = np.empty((parts.shape[1] * steps + behind, *values.shape[1:-1], len(parts)), values.dtype)
+    for number, own in enumerate(parts.T):
+        np.take(values[:steps], own, axis=-1, out=both[number * steps : (number + 1) * steps])
+    both[len(both) - behind :] = values[steps:][..., parts[:, -1]]
+    return both
 
 
 def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inputs: Inputs) -> Trajectories:

@@ -44,6 +44,7 @@ from linkwise.likelihood.shooting.tangents import (
     CandidateForces,
     Single,
     TangentForces,
+    extra_columns,
     march,
     whitened_jacobian,
 )
@@ -278,13 +279,12 @@ class LocalRows:
     @property
     def moving(self) -> int:
         """Columns of the border that act on the motion, which come first."""
-        forces = 0 if self.candidates is None else len(self.candidates.first)
-        return self.misfit.segments.system.parameters.size + forces
+        return self.misfit.segments.system.parameters.size + extra_columns(self.candidates, None)[0]
 
     @property
     def fixed(self) -> int:
         """Columns before those of offsets."""
-        return self.moving + (0 if self.errors is None else len(self.errors.channel))
+        return self.moving + extra_columns(None, self.errors)[1]
 
     def part(self, part: slice) -> tuple[list[GroupRows], Floats]:
         """The rows of some segments by group, and the whitened residuals (k, C, M)."""
@@ -550,7 +550,7 @@ def groups_at(
         return []
     reached = reach(misfit)
     origins = column_origins(segments, candidates, errors)
-    moving = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
+    moving = segments.system.parameters.size + extra_columns(candidates, None)[0]
     groups = neighbourhoods(segments, reached, clusters(segments.system), origins, moving)
     m, n = segments.system.dimension, len(segments.system.incidence)
     handled = sum(len(group.masses) * group.size for group in groups)
@@ -719,9 +719,8 @@ def tested_in_pieces(
     with ThreadPoolExecutor(processors()) as executor:
         for first, last in pairwise(piece_ends(segments.linked).tolist()):
             part = slice(first, last + 1)
-            some = errors and replace(errors, values=[values[:, part] for values in errors.values])
             piece = misfit.part(part, piece_between(segments, first, last))
-            linear = linearise(piece, executor, candidates.part(part), some)
+            linear = linearise(piece, executor, candidates.part(part), errors and errors.part(part))
             left = but_the_last(linear.equations(q), left).factor()
             if left is None:
                 return None

@@ -11,14 +11,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.flow import Inputs, Trajectories, flow, late_motion
+from linkwise.likelihood.shooting.flow import Inputs, Trajectories, end_to_end, flow, late_motion
 from linkwise.likelihood.shooting.segments import (
     A,
     ClippedMisfit,
@@ -608,8 +607,8 @@ class LongerSegments:
             return None
         parts = _parts(shorter)
         joined = shorter.linked[parts[:-1, -1]]
-        together = shorter.mapped(lambda values: _end_to_end(values, parts), parts[:, 0])
-        once = _end_to_end(np.ones(shorter.samples.shape, bool), parts, _once(parts))
+        together = shorter.mapped(lambda values: end_to_end(values, parts, len(values)), parts[:, 0])
+        once = _once(parts, len(shorter.samples))
         clipped = together.clipped and together.clipped.mapped(lambda values: values * once)
         observed = together.observed & once
         return cls(replace(together, observed=observed, linked=joined, clipped=clipped), parts)
@@ -622,16 +621,19 @@ class LongerSegments:
         """The misfit of the shorter segments as one of the longer ones: the same motion, whose defects inside them count for
         nothing.
         """
-        parts, orbit = self.parts, shorter.orbit
+        parts, orbit, once = self.parts, shorter.orbit, _once(self.parts, len(shorter.residuals))
+
+        def joined(values: Floats) -> Floats:
+            return np.asarray(once * end_to_end(values, parts, len(values)))
+
         defects = shorter.defects[:, parts[:-1, -1]]
         return replace(
             shorter,
             segments=self.segments,
             point=self.point(shorter.point),
             orbit=Orbit(lambda: orbit.trajectories.end_to_end(parts)),
-            residuals=_end_to_end(shorter.residuals, parts, _once(parts)),
-            clipped=shorter.clipped
-            and shorter.clipped.mapped(lambda values: _end_to_end(values, parts, _once(parts))),
+            residuals=joined(shorter.residuals),
+            clipped=shorter.clipped and shorter.clipped.mapped(joined),
             defects=defects,
             continuity=float(np.vdot(defects, defects)),
         )
@@ -647,16 +649,7 @@ def _parts(segments: Segments) -> Indices:
     return np.concatenate(rows)
 
 
-def _once(parts: Indices) -> Bools:
-    """(K', f) which parts are not repeated."""
-    which = np.ones(parts.shape, dtype=bool)
-    np.not_equal(parts[:, 1:], parts[:, :-1], out=which[:, 1:])
-    return which
-
-
-def _end_to_end(values: NDArray[Any], parts: Indices, which: Bools | None = None) -> NDArray[Any]:
-    """(f J, ..., K') of values (J, ..., K) in short segments; zero where not `which` (K', f)."""
-    pieces = np.moveaxis(values[..., parts], -1, 0)
-    if which is not None:
-        pieces = pieces * which.T.reshape(len(pieces), *[1] * (values.ndim - 1), -1)
-    return np.ascontiguousarray(pieces.reshape(-1, *pieces.shape[2:]))
+def _once(parts: Indices, samples: int) -> Bools:
+    """(f M, 1, K') at which of M samples of each of the `parts` (K', f) these are not repeated."""
+    which = np.diff(parts, axis=1, prepend=-1) != 0
+    return np.repeat(which.T, samples, axis=0)[:, None]

@@ -459,6 +459,13 @@ class Segments(OverSegments):
         linked = self.linked[which[:-1]] & (np.diff(which) == 1)
         return replace(self.part(which), linked=linked)
 
+    def in_records(self, values: Floats, records: Sequence[Record]) -> list[Floats]:
+        """(N, ...) of each of the records what is at the samples of segments (M, ..., K)."""
+        rows = np.moveaxis(values, -1, 0).reshape(self.count * len(values), *values.shape[1:-1])
+        whole = np.cumsum([-(-len(record) // len(values)) * len(values) for record in records])
+        parts = np.split(rows, whole[:-1])
+        return [part[: len(record)] for part, record in zip(parts, records, strict=True)]
+
     @cached_property
     def moved_apart(self) -> list[int]:
         """Channels that show moving coordinates by a gain or a delay that is unknown."""
