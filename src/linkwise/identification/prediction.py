@@ -565,7 +565,7 @@ class WindowPredictor:
         if self.law_error == 0.0:
             return
         segments, orbit, states = run.segments, run.trajectories, run.point.nodes
-        ends, middles = orbit.accelerations, orbit.middle_accelerations
+        ends, middles = orbit.accelerations, orbit.half_accelerations[1::2]
         at = POINTS[None, :, None, None]
         first, last, middle = ends[:-1, None], ends[1:, None], middles[:, None]
         acceleration = first * (1 - at) * (1 - 2 * at) + middle * 4 * at * (1 - at) + last * at * (2 * at - 1)

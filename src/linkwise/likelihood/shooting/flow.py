@@ -278,10 +278,12 @@ class Inputs(OverSegments):
 
         Those of the orbit are relative to the coordinates.
         """
-        along = in_turn(orbit.accelerations, orbit.middle_accelerations)
-        if self.frame is not None:
-            along += input_along(self.frame, len(self.frame) // len(orbit.middle_accelerations))[:, None]
-        return along
+        along = orbit.half_accelerations
+        return (
+            along
+            if self.frame is None
+            else along + input_along(self.frame, orbit.flow_steps(self.frame))[:, None]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,38 +294,48 @@ class Trajectories(OverSegments):
     ----------
     states : array of shape (J + 1, 2, n, K)
         x and u at the ends of the steps.
-    links : array of shape (J + 1, 2, L, K)
-        d and v there.
-    accelerations : array of shape (J + 1, n, K)
+    half_links : array of shape (2 J + 1, 2, L, K)
+        d and v at the ends of the steps and in their middles, in turn.
+    half_accelerations : array of shape (2 J + 1, n, K)
         Accelerations there.
-    middle_links : array of shape (J, 2, L, K)
-        d and v in the middles of the steps.
-    middle_accelerations : array of shape (J, n, K)
-        Accelerations there.
-    memory : array of shape (J + 1, S + U, K)
-        States of links at the ends of the steps, and the signals that laws name.
-    middle_memory : array of shape (J, S + U, K)
-        The same in the middles.
+    half_memory : array of shape (2 J + 1, S + U, K)
+        States of links there, and the signals that laws name.
     """
 
-    along = (
-        "states", "links", "accelerations", "middle_links", "middle_accelerations", "memory", "middle_memory"
-    )  # fmt: skip
+    along = ("states", "half_links", "half_accelerations", "half_memory")
 
-    states: Floats  # (J + 1, 2, n, K) x and u at the steps' ends
-    links: Floats  # (J + 1, 2, L, K) d and v there
-    accelerations: Floats  # (J + 1, n, K) there
-    middle_links: Floats  # (J, 2, L, K) d and v in the middles of the steps
-    middle_accelerations: Floats  # (J, n, K)
-    memory: Floats  # (J + 1, S + U, K)
-    middle_memory: Floats  # (J, S + U, K)
+    states: Floats
+    half_links: Floats
+    half_accelerations: Floats
+    half_memory: Floats
 
-    def middles(self, step: Floats) -> Floats:
-        """(J, 2, n, K) x and u = h v in the middles of steps (K,) in s, from x, u and a at both ends, to the sixth order."""
+    @property
+    def links(self) -> Floats:
+        """(J + 1, 2, L, K) d and v at the ends of the steps."""
+        return self.half_links[::2]
+
+    @property
+    def accelerations(self) -> Floats:
+        """(J + 1, n, K) accelerations there."""
+        return self.half_accelerations[::2]
+
+    @property
+    def memory(self) -> Floats:
+        """(J + 1, S + U, K) states of links there, and the signals that laws name."""
+        return self.half_memory[::2]
+
+    def flow_steps(self, points: Floats) -> int:
+        """How many steps of an input (J', 5, ...) one of these is."""
+        return len(points) // (len(self.states) - 1)
+
+    def half_states(self, step: Floats) -> Floats:
+        """(2 J + 1, 2, n, K) x and u = h v at the ends of steps (K,) in s and in their middles, in turn; these from x, u and
+        a at both ends, to the sixth order.
+        """
         x, u, a = self.states[:, 0], self.states[:, 1], self.accelerations * step**2
         middle_x = 0.5 * (x[1:] + x[:-1]) - (5.0 / 32.0) * (u[1:] - u[:-1]) + (a[1:] + a[:-1]) / 64.0
         middle_u = (15.0 / 8.0) * (x[1:] - x[:-1]) - (7.0 / 16.0) * (u[1:] + u[:-1]) + (a[1:] - a[:-1]) / 32.0
-        return np.stack([middle_x, middle_u], axis=1)
+        return _in_turn(self.states, np.stack([middle_x, middle_u], axis=1))
 
     def ends(self, step: Floats) -> Floats:
         """(2n + S + U, K) displacements in m, velocities in m/s, states, signals at the ends of segments, steps (K,) in s."""
@@ -341,8 +353,7 @@ class Trajectories(OverSegments):
 
     def end_to_end(self, parts: Indices) -> Trajectories:
         """The trajectories of segments that consist of several of these each, whose numbers are `parts` (K', f)."""
-        steps = len(self.middle_links)
-        return self.mapped(lambda values: end_to_end(values, parts, steps))
+        return self.mapped(lambda values: end_to_end(values, parts, len(values) - 1))
 
     def thinned(self, refine: int) -> Trajectories:
         """The same orbit in longer steps: ends of old steps become middles of new ones.
@@ -359,18 +370,10 @@ class Trajectories(OverSegments):
         """
         if refine == 1:
             return self
-        half = slice(refine // 2, None, refine)
         states = self.states[::refine].copy()
         states[:, 1] *= refine
-        return Trajectories(
-            states,
-            self.links[::refine],
-            self.accelerations[::refine],
-            self.links[half],
-            self.accelerations[half],
-            self.memory[::refine],
-            self.memory[half],
-        )
+        halves = (self.half_links, self.half_accelerations, self.half_memory)
+        return Trajectories(states, *(values[::refine] for values in halves))
 
 
 def end_to_end(values: NDArray[Any], parts: Indices, steps: int) -> NDArray[Any]:
@@ -414,15 +417,9 @@ def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inpu
     K = start.shape[-1]
     n, L = mechanics.gain.shape
     S = len(start) - 2 * n
-    inside = S + len(inputs.signals)
-    at_ends = ((2, n), (2, L), (n,))
-    shapes = [(steps + 1, *shape) for shape in at_ends] + [
-        (steps, 2, L),
-        (steps, n),
-        (steps + 1, inside),
-        (steps, inside),
-    ]
-    orbit = Trajectories(*(np.empty((*shape, K)) for shape in shapes))
+    halves = ((2, L), (n,), (S + len(inputs.signals),))
+    along = (np.empty((2 * steps + 1, *shape, K)) for shape in halves)
+    orbit = Trajectories(np.empty((steps + 1, 2, n, K)), *along)
     orbit.states[0, 0] = start[:n]
     np.multiply(start[n : 2 * n], step, out=orbit.states[0, 1])
     orbit.memory[0, :S] = start[2 * n :]
@@ -470,7 +467,8 @@ class _Stages:
 
     def integrate(self, orbit: Trajectories, j: int) -> None:
         """From the start of step j to its end, where floating-point warnings are ignored."""
-        states, memory, forces = orbit.states, orbit.memory[j, : len(self.memory)], self.forces
+        states, at, forces = orbit.states, 2 * j, self.forces
+        memory, accelerations = orbit.half_memory[at, : len(self.memory)], orbit.half_accelerations
         mechanics, motion, force, operations = self.mechanics, self.motion, self.force, self.law_operations
         row_of_motion, v = motion.reshape(2, -1), motion[1]
         gain, link_gain = mechanics.gain, mechanics.link_gain
@@ -488,10 +486,9 @@ class _Stages:
                 np.add(memory, np.dot(inner_row, inner_above, self.gone).reshape(memory.shape), self.memory)
             for signal, values in zip(self.signals, self.inputs.signals.values(), strict=True):
                 signal[:] = values[j, point]
-            if i == 0:
-                orbit.links[j], orbit.memory[j] = motion, self.inside
-            elif i == MIDDLE:
-                orbit.middle_links[j], orbit.middle_memory[j] = motion, self.inside
+            if i in (0, MIDDLE):
+                half = at + (i == MIDDLE)
+                orbit.half_links[half], orbit.half_memory[half] = motion, self.inside
             for operation in operations:
                 operation()
             forces[i] = force
@@ -503,19 +500,19 @@ class _Stages:
             np.multiply(own, self.step2, own)
         np.dot(CLOSING, forces.reshape(STAGES, -1), self.closing.reshape(2, -1))
         after = np.matmul(gain, self.closing, out=states[j + 1])
-        np.dot(gain, forces[0], orbit.accelerations[j])
-        np.dot(gain, forces[MIDDLE], orbit.middle_accelerations[j])
+        np.dot(gain, forces[0], accelerations[at])
+        np.dot(gain, forces[MIDDLE], accelerations[at + 1])
         if applied is not None:
             for i, weights in _CLOSING_WEIGHTS:
                 after += weights * applied[STAGE_POINT[i]]
-            orbit.accelerations[j] += applied[0]
-            orbit.middle_accelerations[j] += applied[2]
+            accelerations[at] += applied[0]
+            accelerations[at + 1] += applied[2]
         after *= self.step2_of_masses
         after += states[j]
         after[0] += states[j, 1]
         if self.has_memory:
             np.dot(CLOSING[1:], self.slopes.reshape(STAGES, -1), self.gone)
-            np.add(memory, self.gone.reshape(memory.shape), orbit.memory[j + 1, : len(memory)])
+            np.add(memory, self.gone.reshape(memory.shape), orbit.half_memory[at + 2, : len(memory)])
 
     def close(self, orbit: Trajectories, steps: int) -> None:
         """Elongations and accelerations at the end of the last step, where floating-point warnings are ignored."""
@@ -535,7 +532,7 @@ class _Stages:
             orbit.accelerations[steps] += applied / self.mechanics.masses[:, None]
 
 
-def in_turn(ends: Floats, middles: Floats) -> Floats:
+def _in_turn(ends: Floats, middles: Floats) -> Floats:
     """(2 J + 1, ...) of values at the ends (J + 1, ...) of steps and in their middles (J, ...)."""
     both = np.empty((len(ends) + len(middles), *ends.shape[1:]))
     both[::2], both[1::2] = ends, middles
@@ -545,7 +542,7 @@ def in_turn(ends: Floats, middles: Floats) -> Floats:
 def input_along(points: Floats, refine: int) -> Floats:
     """(2 J + 1, ...) of an input (J refine, 5, ...) that is given at the POINTS of every step of the flow."""
     ends = np.concatenate([points[::refine, 0], points[-1:, 4]])
-    return in_turn(ends, points[:, 2] if refine == 1 else points[refine // 2 :: refine, 0])
+    return _in_turn(ends, points[:, 2] if refine == 1 else points[refine // 2 :: refine, 0])
 
 
 def _add_base(

@@ -336,7 +336,7 @@ class Sensors:
         return replace(
             orbit,
             states=self.with_points(orbit.states, 2),
-            accelerations=self.with_points(orbit.accelerations, 1),
+            half_accelerations=self.with_points(orbit.half_accelerations, 1),
         )
 
     @cached_property

@@ -27,7 +27,6 @@ from linkwise.likelihood.shooting.flow import (
     TANGENT_MIDDLE,
     Inputs,
     Trajectories,
-    in_turn,
     input_along,
 )
 from linkwise.likelihood.shooting.residuals import Misfit, estimated_errors
@@ -90,7 +89,7 @@ class TangentForces:
         inputs: Inputs,
     ) -> None:
         system, step2, first = mechanics.system, step * step, mechanics.system.dimension
-        links, memory = in_turn(orbit.links, orbit.middle_links), in_turn(orbit.memory, orbit.middle_memory)
+        links, memory = orbit.half_links, orbit.half_memory
         slopes = mechanics.partials(links[:, 0], links[:, 1], memory)
         self.mechanics, self.step = mechanics, step
         width = first + len(unit) + (0 if candidates is None else len(candidates.first))
@@ -176,14 +175,13 @@ class TangentForces:
         self, shapes: ShapeParameters, orbit: Trajectories, inputs: Inputs, units: Floats
     ) -> None:
         """Count shapes that are parameters: they stretch links at the point, and pass its forces on to the mode."""
-        states = in_turn(orbit.states, orbit.middles(self.step))
-        links, memory = in_turn(orbit.links, orbit.middle_links), in_turn(orbit.memory, orbit.middle_memory)
+        states, links, memory = orbit.half_states(self.step), orbit.half_links, orbit.half_memory
         unit, points, modes = units[shapes.columns], shapes.points, shapes.modes
         force = np.empty_like(links[:, 0])
         self.mechanics.force(links[:, 0], links[:, 1], memory, force, np.empty_like(memory))
         acting = -(shapes.sides @ force)
         if inputs.points is not None:
-            acting += input_along(inputs.points, len(inputs.points) // len(orbit.middle_links))
+            acting += input_along(inputs.points, orbit.flow_steps(inputs.points))
         factor = (unit / self.mechanics.masses[modes])[:, None] * self.step**2
         columns = self.mechanics.system.dimension + shapes.columns
         self.on_masses.append((modes, columns, (acting[:, points] * factor).astype(np.float32)))

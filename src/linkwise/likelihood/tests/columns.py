@@ -20,7 +20,7 @@ from linkwise.arrays import Floats
 from linkwise.estimates.causes import CLOCK, CROSSTALK, GAIN_DRIFT
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.flow import in_turn, input_along
+from linkwise.likelihood.shooting.flow import input_along
 from linkwise.likelihood.shooting.residuals import (
     Misfit,
     carried_by,
@@ -120,8 +120,7 @@ class FittedMotion:
     def links(self) -> tuple[Floats, Floats, Floats]:
         """(2 J + 1, L, K) elongations and rates of the links, and (2 J + 1, S, K) states."""
         orbit = self.misfit.trajectories.thinned(self.segments.flow_steps_per_tangent)
-        links = in_turn(orbit.links, orbit.middle_links)
-        return links[:, 0], links[:, 1], in_turn(orbit.memory, orbit.middle_memory)
+        return orbit.half_links[:, 0], orbit.half_links[:, 1], orbit.half_memory
 
     def input(self, points: Floats) -> Floats:
         """(2 J + 1, ...) an input that is given at the points of every step of the flow."""

@@ -26,7 +26,7 @@ from linkwise.expression.program import cached_program
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.flow import in_turn, input_along
+from linkwise.likelihood.shooting.flow import input_along
 from linkwise.likelihood.shooting.linear_model import eliminated_rows, tested_in_pieces
 from linkwise.likelihood.shooting.normal_equations import (
     FactoredModel,
@@ -374,13 +374,13 @@ def states_along(segments: Segments, misfit: Misfit) -> Floats:
     """
     refine, base_error = segments.flow_steps_per_tangent, segments.system.base_error
     orbit, step = misfit.trajectories.thinned(refine), segments.step * refine
-    masses = in_turn(orbit.states, orbit.middles(step))
+    masses = orbit.half_states(step)
     masses[:, 1] /= step
     base = np.zeros((len(masses), 2, 1, segments.count))
     if segments.inputs.base is not None:
         base[:, :, 0] = input_along(segments.inputs.base, refine)
     if base_error is not None:
-        base[:, 0, 0] -= in_turn(orbit.memory, orbit.middle_memory)[:, base_error]
+        base[:, 0, 0] -= orbit.half_memory[:, base_error]
     return np.concatenate([masses, base, np.zeros_like(base)], axis=2)
 
 
