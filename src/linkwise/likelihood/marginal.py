@@ -42,14 +42,14 @@ import scipy
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
+from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import MANY
+from linkwise.likelihood.shooting.tangents import whitened_jacobian
 
 _PARTS, _LENGTH = 8, 500  # pieces of the records, and segments in each, whose log det stands for that of all
 _STEP = 0.5  # standard errors: for the differences of log det by an unknown
-_LOUDER = 2.0  # times its noise, to find what a channel adds to the equations
 _ROUNDS = 30
 _SETTLED = 0.05  # standard errors, or of the logarithm of a deviation over `_LOG_WEIGHT`
 _LOG_WEIGHT = 5.0
@@ -126,7 +126,7 @@ def marginal_fit(fit: AnnealingFit, known_noise: Bools, annealer: Annealer) -> A
         misfit = replace(fit.misfit, segments=segments)
         random = segments.random
         # forces that vary within a segment leave no defects at first
-        loosens = random and random.varying is not None and random.varying.any() and random.weights is None
+        loosens = random and random.varying.any() and random.weights is None
         if change < _SETTLED and not loosens:
             return replace(fit, misfit=misfit, path=path)
         logs, before = _extrapolated(logs, before)
@@ -146,8 +146,7 @@ def _loosened(misfit: Misfit, q: float) -> Segments:
     """
     segments, mechanics = misfit.segments, misfit.mechanics
     random, n = segments.random, len(segments.system.incidence)
-    if random is None or random.varying is None:
-        return segments
+    assert random is not None
     chosen = np.flatnonzero(random.varying & random.present)
     gain = mechanics.gain[:, segments.system.state_links[random.rows[chosen] - 2 * n]]
     powers = gain**2 @ random.deviation[chosen] ** 2 / 12.0
@@ -304,15 +303,14 @@ class _LogDeterminant:
         random = segments.random
         assert random is not None
         residuals = segments.observed.sum(axis=(0, 2)).astype(float)
-        linear = self._linear(self.misfit)
-        factor = linear.equations(self.q).factor()
-        whole = linear.state
+        factor = self._linear(self.misfit).equations(self.q).factor()
+        m, (M, C, K) = len(scales.state), segments.samples.shape
         # zeros where the equations are singular
-        inverse = np.zeros_like(whole) if factor is None else factor.inverse_blocks()[0]
-        for channel in np.flatnonzero(~known_noise).tolist():
-            louder = np.where(np.arange(len(residuals)) == channel, _LOUDER, 1.0)
-            without = self._linear(self.misfit.at(self.misfit.point, louder)).state
-            residuals[channel] -= float(np.vdot(inverse, whole - without)) / (1.0 - _LOUDER**-2)
+        inverse = np.zeros((K, m, m)) if factor is None else factor.inverse_blocks()[0]
+        for part in chunks(segments, segments.parameters):
+            rows = whitened_jacobian(self.misfit, part)[0][..., :m].astype(float)
+            leverage = np.sum((rows @ inverse[part]) * rows, axis=(0, 2)).reshape(M, C).sum(axis=0)
+            residuals -= np.where(known_noise, 0.0, leverage)
         own = inverse[:, random.rows, random.rows].T
         forces = segments.count - np.sum(own * random.curvature(scales.state), axis=1)
         return self.factor * residuals, self.factor * forces

@@ -28,6 +28,7 @@ from linkwise.likelihood.shooting.segmentation import (
     Cut,
     cut_segments,
     in_moving_coordinates,
+    numbers_among,
     require_same_channels,
     with_uncertain_forces,
 )
@@ -242,7 +243,7 @@ class Problem:
         return replace(
             sensors,
             gain=np.reshape(acting, (len(channels), len(factors))),
-            delay=np.array([delays.index(name) if name in delays else -1 for name in channels]),
+            delay=numbers_among(delays, channels),
             offsets=self.offsets,
             delays=len(delays),
         )
@@ -403,10 +404,9 @@ def _random_states(segments: Segments, problem: Problem, deviations: Floats) -> 
         rows=np.arange(segments.system.dimension - len(deviations), segments.system.dimension),
         deviation=deviations[:, None] * np.where(ambient[:, None], rate, acting),
         is_estimated=np.array([force.deviation is None for force in problem.random]),
+        absent=np.zeros(len(deviations), dtype=bool),
+        varying=ambient & (segments.centred or not (segments.sensors.kind == A).any()),
         shown=shown_directly(problem.random, problem.frames[0]),
-        varying=None
-        if (segments.sensors.kind == A).any() and not segments.centred
-        else ambient,  # of accelerations
     )
 
 

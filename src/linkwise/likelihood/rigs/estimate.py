@@ -378,34 +378,33 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
     if not fit.converged:
         advice = "The values are the best so far; give better starts, or a law whose force does not jump."
         return Verdict.NOT_CONVERGED, f"The search did not converge. {advice}", 0.0
-    share = fit.model_force / _level(fit.problem)
-    verdict, words = _found(fit, causes, share)
+    share, verdict, words = fit.model_force / _level(fit.problem), Verdict.CONVERGED, "."
+    if not fit.determined:
+        verdict = Verdict.HARDLY_DETERMINED
+        words = ", but the forces do not determine all unknowns: hold some at known values, or record another motion."
+    elif share > _LARGEST_ERROR:
+        verdict, words = Verdict.UNEXPLAINED_FORCES, "; a term or a state is missing."
+    elif causes and not causes[0].is_instrument:
+        verdict, words = (
+            Verdict.SYSTEMATIC_MISFIT,
+            (
+                f", but {causes[0].description} is missing: with it a coefficient would differ by {causes[0].shift:.2g} of its "
+                "standard errors. Offer the term, or a law with memory."
+            ),
+        )
+    elif causes:
+        verdict, words = (
+            Verdict.MEASUREMENT_ERROR,
+            (
+                f", but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients would be "
+                "wrong by more than intervals of exact laws say: correct it, or estimate it with the other unknowns."
+            ),
+        )
+    elif share > 0.0:
+        how = "as it follows the motion, parts of the record are compared for that."
+        verdict, words = Verdict.MODEL_ERROR_NEEDED, f", a model error that all intervals include; {how}"
     to_within = format_percent(share) if share > 0.0 else "the noise of force and displacement"
     return verdict, f"The laws explain the forces to within {to_within}{words}", share
-
-
-def _found(fit: RigFit, causes: Sequence[Cause], share: float) -> tuple[Verdict, str]:
-    """The verdict on a search that converged, and what is said after how well laws explain the forces."""
-    if not fit.determined:
-        return Verdict.HARDLY_DETERMINED, (
-            ", but the forces do not determine all unknowns: hold some at known values, or record another motion."
-        )
-    if share > _LARGEST_ERROR:
-        return Verdict.UNEXPLAINED_FORCES, "; a term or a state is missing."
-    if causes and not causes[0].is_instrument:
-        return Verdict.SYSTEMATIC_MISFIT, (
-            f", but {causes[0].description} is missing: with it a coefficient would differ by {causes[0].shift:.2g} of its "
-            "standard errors. Offer the term, or a law with memory."
-        )
-    if causes:
-        return Verdict.MEASUREMENT_ERROR, (
-            f", but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients would be "
-            "wrong by more than intervals of exact laws say: correct it, or estimate it with the other unknowns."
-        )
-    if share > 0.0:
-        how = "as it follows the motion, parts of the record are compared for that."
-        return Verdict.MODEL_ERROR_NEEDED, f", a model error that all intervals include; {how}"
-    return Verdict.CONVERGED, "."
 
 
 _GAIN = 25.0  # in -2 log likelihood: five standard deviations

@@ -394,16 +394,13 @@ def with_uncertain_forces(
     )
     if not channels:
         return segments
-    late = [name for name in channels if name in delays]
-    _require_band_limited(pieces.records, late)
     shown = [_shown(segments, pieces, structure, name, name in delays) for name in channels]
     coefficients = np.zeros((max(map(len, shown)), *shown[0][0].shape[:2], len(shown), segments.count))
     for number, own in enumerate(shown):
         coefficients[: len(own), :, :, number] = own
     places = [channel.place for channel in channels]
-    points = np.array([structure.points.index(name) if name in structure.points else -1 for name in places])
-    masses = [structure.mass_names.index(name) if name in structure.mass_names else -1 for name in places]
-    ends = np.where(points >= 0, FIRST_POINT - points, masses)
+    points = numbers_among(structure.points, places)
+    ends = np.where(points >= 0, FIRST_POINT - points, numbers_among(structure.mass_names, places))
     of_base = np.array([name == BASE for name in places])
     inertia, topology = -segments.system.parameters.stated_masses, structure.topology
     assert segments.inputs.force is not None
@@ -412,8 +409,8 @@ def with_uncertain_forces(
         ends=np.where(of_base, FIRST_POINT - len(structure.points), ends),
         rows=np.array([inertia if name == BASE else topology.row(name) for name in places]),
         points=points,
-        gains=np.array([gains.index(name) if name in gains else -1 for name in channels]),
-        delays=np.array([delays.index(name) if name in delays else -1 for name in channels]),
+        gains=numbers_among(gains, channels),
+        delays=numbers_among(delays, channels),
         certain=np.zeros_like(segments.inputs.force),
         coefficients=[*coefficients],
         unit=LARGEST * segments.step * segments.refine,
@@ -424,19 +421,15 @@ def with_uncertain_forces(
     return replace(segments, inputs=replace(segments.inputs, uncertain=uncertain))
 
 
-def _require_band_limited(records: Sequence[Record], late: Sequence[str]) -> None:
-    for name in late:
-        kinds = {record.interpolation.get(name, BAND_LIMITED) for record in records} - {BAND_LIMITED}
-        if kinds:
-            raise IdentificationError(
-                f"no delay of {name}, which is {kinds.pop()} between its samples, can be estimated beside other inputs: state "
-                "it as band-limited if it is, or take the delay out (without_delays)"
-            )
+def numbers_among(known: Sequence[str], names: Sequence[str]) -> Indices:
+    """The places of names among those that are known, -1 of others."""
+    return np.array([known.index(name) if name in known else -1 for name in names], dtype=int)
 
 
 def _shown(segments: Segments, pieces: Cut, structure: Structure, name: Channel, late: bool) -> Floats:
     """(1, J, 5, K) what a channel shows, less forces of inertia, or the acceleration of moving coordinates, at the points of
-    every step; where late, powers of the delay. IdentificationError for a base whose acceleration is not that.
+    every step; where late, powers of the delay. IdentificationError for a base whose acceleration is not that, and for a late
+    channel that is not band-limited.
     """
     series = []
     for record in pieces.records:
@@ -445,6 +438,12 @@ def _shown(segments: Segments, pieces: Cut, structure: Structure, name: Channel,
             raise IdentificationError(
                 f"no gain or delay of {name} can be estimated: the equations take no acceleration from it, as it moves no "
                 "link or its displacement is recorded. Record its acceleration alone, or leave its gain and delay out"
+            )
+        kind = record.interpolation.get(name, BAND_LIMITED)
+        if late and kind != BAND_LIMITED:
+            raise IdentificationError(
+                f"no delay of {name}, which is {kind} between its samples, can be estimated beside other inputs: state it as "
+                "band-limited if it is, or take the delay out (without_delays)"
             )
         values = record.channel(f"a:{BASE}" if name.place == BASE else name)
         if acceleration is not None and name.place in structure.mass_names:

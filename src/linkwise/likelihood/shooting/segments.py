@@ -97,10 +97,12 @@ class RandomStates(OverSegments):
         Their numbers among the 2n + S states.
     deviation : array of shape (r, K)
         Standard deviations in N.
-    found : array of bool, shape (r,)
+    is_estimated : array of bool, shape (r,)
         Whether the deviations are to be found.
-    absent : array of bool, shape (r,), or None
-        Those that were looked for and not found: their deviations stand for zero. None for none of them.
+    absent : array of bool, shape (r,)
+        Those that were looked for and not found: their deviations stand for zero.
+    varying : array of bool, shape (r,)
+        Those that vary within a segment as white noise does, of which the states are the means.
     slope : array of shape (P,) or None
         Gradient of the log determinant of the equations by the unknowns that all nodes share: its part of -2 log of the
         marginal likelihood, which is linear around the optimum.
@@ -108,8 +110,6 @@ class RandomStates(OverSegments):
         Where that part is counted as zero.
     shown : array of shape (C, r) or None
         What the sensors show of them directly, besides the motion that follows; None for nothing.
-    varying : array of bool, shape (r,), or None
-        Those that vary within a segment as white noise does, of which the states are the means. None for none of them.
     weights : array of shape (2n + S, K) or None
         What defects at the ends of the segments weigh, where these forces leave some in displacements. None for 1.
     """
@@ -119,11 +119,11 @@ class RandomStates(OverSegments):
     rows: Indices
     deviation: Floats
     is_estimated: Bools
-    absent: Bools | None = None
+    absent: Bools
+    varying: Bools
     slope: Floats | None = None
     origin: Floats | None = None
     shown: Floats | None = None
-    varying: Bools | None = None
     weights: Floats | None = None
 
     def cost(self, nodes: Floats, border: Floats) -> float:
@@ -140,7 +140,7 @@ class RandomStates(OverSegments):
     @property
     def present(self) -> Bools:
         """(r,) those that are not absent."""
-        return np.ones(len(self.rows), dtype=bool) if self.absent is None else ~self.absent
+        return ~self.absent
 
     def scaled(self, factors: Floats) -> Self:
         """The same with deviations multiplied by `factors` (r,)."""
