@@ -385,20 +385,16 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
     elif share > _LARGEST_ERROR:
         verdict, words = Verdict.UNEXPLAINED_FORCES, "; a term or a state is missing."
     elif causes and not causes[0].is_instrument:
-        verdict, words = (
-            Verdict.SYSTEMATIC_MISFIT,
-            (
-                f", but {causes[0].description} is missing: with it a coefficient would differ by {causes[0].shift:.2g} of its "
-                "standard errors. Offer the term, or a law with memory."
-            ),
+        verdict = Verdict.SYSTEMATIC_MISFIT
+        words = (
+            f", but {causes[0].description} is missing: with it a coefficient would differ by {causes[0].shift:.2g} of its "
+            "standard errors. Offer the term, or a law with memory."
         )
     elif causes:
-        verdict, words = (
-            Verdict.MEASUREMENT_ERROR,
-            (
-                f", but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients would be "
-                "wrong by more than intervals of exact laws say: correct it, or estimate it with the other unknowns."
-            ),
+        verdict = Verdict.MEASUREMENT_ERROR
+        words = (
+            f", but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients would be "
+            "wrong by more than intervals of exact laws say: correct it, or estimate it with the other unknowns."
         )
     elif share > 0.0:
         how = "as it follows the motion, parts of the record are compared for that."

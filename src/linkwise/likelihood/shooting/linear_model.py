@@ -332,16 +332,13 @@ class LocalRows:
         kinds, numbers = sensors.kind[group.channels], sensors.mass[group.channels]
         rates = {X: np.ones_like(step), V: 1.0 / step, A: step**-2.0, F: step**-2.0, S: np.ones_like(step)}
         among = {F: group.links, S: group.memory}
-        return [
-            (
-                kind,
-                as_slice(np.searchsorted(among.get(kind, group.masses), numbers[own])),
-                as_slice(own),
-                rate,
-            )
-            for kind, rate in rates.items()
-            if len(own := np.flatnonzero(kinds == kind))
-        ]
+        shown = []
+        for kind, rate in rates.items():
+            own = np.flatnonzero(kinds == kind)
+            places = np.searchsorted(among.get(kind, group.masses), numbers[own])
+            if len(own):
+                shown.append((kind, as_slice(places), as_slice(own), rate))
+        return shown
 
     def _add_errors(self, data: NDArray[Any], group: Neighbourhood, part: slice, whiten: Single) -> None:
         """The columns of errors that are tested, and of those among the unknowns."""
