@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array
 
 from linkwise.arrays import Bools, Floats
 from linkwise.display import (
@@ -131,7 +130,7 @@ class Estimate(JudgedView):
         The structure with its unknowns.
     parameters : tuple of Parameter
         The p unknowns.
-    values, covariance : array of shape (p,); array or sparse array of shape (p, p)
+    values, covariance : array of shape (p,); array of shape (p, p)
         Their values in SI units and their covariance.
     free : array of bool, shape (p,)
         False where a parameter is at its bound, which leaves it without an interval.
@@ -199,7 +198,7 @@ class Estimate(JudgedView):
     given_structure: Structure
     parameters: tuple[Parameter, ...]
     values: Floats
-    covariance: Floats | csc_array
+    covariance: Floats
     free: Bools
     noise: Mapping[str, NoiseEstimate]
     chi_square_per_sample: float | None
@@ -595,8 +594,7 @@ class Estimate(JudgedView):
         names = self.given_structure.links[index].coefficients
         free = tuple(name for name in names if (index, name) in self._parameter_index)
         which = np.array([self._parameter_index[index, name] for name in free], dtype=int)
-        block = self.covariance[np.ix_(which, which)] if len(which) else np.zeros((0, 0))
-        return free, np.asarray(block if isinstance(block, np.ndarray) else block.toarray())
+        return free, self.covariance[np.ix_(which, which)]
 
 
 class Estimator(ABC):

@@ -477,7 +477,7 @@ def _with_smoothing(record: Record, structure: Structure, equations: WeakEquatio
     bends is biased by a higher power of the width, for which the proportion is a bound. Structures so large that they have no
     covariance of all their parameters stay as they are.
     """
-    if not (_rated_links(structure) and isinstance(fit.covariance, np.ndarray) and fit.free.any()):
+    if not (_rated_links(structure) and fit.free.any()):
         return fit
     try:
         bias = _change(record, structure, equations, fit) / (_WIDER - 1.0)
@@ -510,7 +510,7 @@ def _change(record: Record, structure: Structure, equations: WeakEquations, fit:
         own = [system.patch(masses, windows) for masses, windows in shared]
         normal, right = normal_equations(own, weights, count)
         left.append(right - normal @ fit.values)
-    whole, change = np.asarray(normal_equations(patches, weights, count)[0]), np.zeros(count)
+    whole, change = normal_equations(patches, weights, count)[0], np.zeros(count)
     solve = solver(whole[np.ix_(free, free)], compress(equations.parameters, free))
     change[free] = solve((left[1] - left[0])[free])
     return change
