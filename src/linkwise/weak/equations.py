@@ -173,15 +173,12 @@ class WeakEquations:
     @cached_property
     def d(self) -> Floats:
         """(E, R) smoothed elongations in m, of links and then of what elements of states read."""
-        return self.structure_layout.elongations(
-            self.displacements, range(len(self.structure_layout.elements))
-        )
+        return self.structure_layout.reading @ self.displacements
 
     @cached_property
     def v(self) -> Floats:
         """(E, R) their rates in m/s."""
-        rates = -self.smooth[PHI_1] / self.window.area
-        return self.structure_layout.elongations(rates, range(len(self.structure_layout.elements)))
+        return np.asarray(self.structure_layout.reading @ -self.smooth[PHI_1] / self.window.area)
 
     @property
     def states(self) -> Floats:

@@ -203,32 +203,31 @@ class StructureLayout:
         )
 
     @cached_property
-    def _reading_entries(self) -> tuple[Indices, Indices, Floats]:
-        """(e,) elements, nodes and weights of what they read."""
-        parts = [(row, *entry) for row, element in enumerate(self.elements) for entry in element.reading]
-        elements, nodes, weights = zip(*parts, strict=True)
-        return np.array(elements), np.array(nodes), np.array(weights)
+    def reading(self) -> Floats:
+        """(E, n + S + 2) weights of the nodes, the base and the ground in what elements read."""
+        reading = np.zeros((len(self.elements), self.equations + 2))
+        for row, element in zip(reading, self.elements, strict=True):
+            for node, weight in element.reading:
+                row[node] = weight
+        return reading
+
+    @cached_property
+    def action(self) -> Floats:
+        """(n + S, E) how elements act in the equations."""
+        action = np.zeros((self.equations, len(self.elements)))
+        for column, element in zip(action.T, self.elements, strict=True):
+            for node, weight in element.action:
+                column[node] = weight
+        return action
 
     def elongation_variance(self, motion: MeasuredDisplacements, *, floored: bool = False) -> Floats:
         """(E,) variances in m^2 of the noise in what elements read, if `floored` at least those of quadrature errors."""
         variance = motion.floored_variance if floored else motion.source_variance
-        elements, nodes, weights = self._reading_entries
-        if motion.source_weights is None:
-            weighted = weights**2 * variance[nodes]
-            return np.asarray(np.bincount(elements, weighted, len(self.elements)), dtype=float)
-        of_nodes = np.zeros((len(self.elements), len(motion.source_weights)))
-        of_nodes[elements, nodes] = weights
-        return np.asarray((of_nodes @ motion.source_weights) ** 2 @ variance)
+        return np.asarray((self.reading @ motion.source_weights) ** 2 @ variance)
 
-    def elongations(self, displacements: Floats, elements: Iterable[int]) -> Floats:
+    def elongations(self, displacements: Floats, elements: Sequence[int] | Indices) -> Floats:
         """(m, N) what m elements read, elongations or states, from displacements (k, N) of nodes or what is linear in them."""
-        chosen = [self.elements[number].reading for number in elements]
-        result = np.empty((len(chosen), displacements.shape[1]))
-        for row, ((first, of_first), *others) in zip(result, chosen, strict=True):
-            np.multiply(displacements[first], of_first, out=row)
-            for node, weight in others:
-                row += weight * displacements[node]
-        return result
+        return np.asarray(self.reading[elements] @ displacements)
 
     def groups(self, elements: Sequence[int] | Indices) -> Iterator[WeakLawGroup]:
         """The elements of these numbers, grouped by law."""
@@ -265,7 +264,10 @@ class StructureLayout:
         inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
         forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
         sizes = [*map(len, chosen), len(masses), len(forced)]
-        nodes, reading, acting = self._incidence(np.concatenate([*chosen, links]).tolist(), masses)
+        numbered = np.concatenate([*chosen, links])
+        # of elements and masses; what the former read of them, and how these act on the masses
+        nodes = np.union1d(masses, np.flatnonzero(self.reading[numbered].any(axis=0)))
+        reading, acting = self.reading[np.ix_(numbered, nodes)], self.action[np.ix_(masses, numbered)]
         # whose equation a term is in
         own = np.concatenate([masses, np.array(forced, dtype=int)])
         displaced = (own[:, None] == nodes).astype(float)
@@ -286,21 +288,6 @@ class StructureLayout:
             readings=reading[stop:],
             link_incidence=acting[:, stop:],
         )
-
-    def _incidence(self, numbers: Sequence[int], masses: Indices) -> tuple[Indices, Floats, Floats]:
-        """The nodes (c,) of elements and masses, what the elements read of them (q, c), and how they act on masses (m, q)."""
-        chosen = [self.elements[number] for number in numbers]
-        nodes = np.unique([*masses.tolist(), *(node for element in chosen for node, _ in element.reading)])
-        column = {node: place for place, node in enumerate(nodes.tolist())}
-        row = {mass: place for place, mass in enumerate(masses.tolist())}
-        reading, acting = np.zeros((len(chosen), len(nodes))), np.zeros((len(masses), len(chosen)))
-        for place, element in enumerate(chosen):
-            for node, weight in element.reading:
-                reading[place, column[node]] = weight
-            for node, weight in element.action:
-                if node in row:
-                    acting[row[node], place] = weight
-        return nodes, reading, acting
 
     def _numbers(self, where: Iterable[tuple[int, str]]) -> TermCoefficients:
         """The coefficients of these slots: numbers of parameters, or known values."""
