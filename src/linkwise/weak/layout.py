@@ -20,7 +20,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import StructureError
 from linkwise.expression import (
     Expression,
@@ -32,6 +32,7 @@ from linkwise.expression import (
     symbols,
     to_text,
 )
+from linkwise.model.coefficient import MASS
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure, Weights
@@ -153,35 +154,20 @@ class StructureLayout:
         return self.structure.size + len(self.structure.topology.states)
 
     @cached_property
-    def elements_at(self) -> tuple[tuple[int, ...], ...]:
-        """The elements that act in each equation."""
-        elements: list[list[int]] = [[] for _ in range(self.equations)]
-        for number, element in enumerate(self.elements):
-            for node, _ in element.action:
-                elements[node].append(number)
-        return tuple(map(tuple, elements))
+    def has_parameters(self) -> Bools:
+        """(n + S,) whether the equation of a node has a parameter."""
+        known = self.parameter_index
+        unknown = [any((one.link, name) in known for name in one.law.coefficients) for one in self.elements]
+        weighed = [(-1 - node, MASS) in known for node in range(self.equations)]
+        return np.logical_or(self.action[:, unknown].any(axis=1), weighed)
 
     @cached_property
-    def masses_with_parameters(self) -> frozenset[int]:
-        """Nodes whose equation has a parameter."""
-        unknown = {
-            number
-            for number, element in enumerate(self.elements)
-            if any((element.link, name) in self.parameter_index for name in element.law.coefficients)
-        }
-        weighed = {node for node in range(self.equations) if (-1 - node, "mass") in self.parameter_index}
-        return self._nodes_with(unknown) | weighed
-
-    @cached_property
-    def masses_needing_rate(self) -> frozenset[int]:
-        """Nodes whose equation has a law that needs a smoothed v."""
-        groups = self.groups(range(len(self.elements)))
-        rated = {number for group in groups if group.weak_law.needs_rate for number in group.links.tolist()}
-        return self._nodes_with(rated)
-
-    def _nodes_with(self, elements: set[int]) -> frozenset[int]:
-        """Nodes in whose equation one of some elements acts."""
-        return frozenset(node for node, own in enumerate(self.elements_at) if not elements.isdisjoint(own))
+    def needs_rate(self) -> Bools:
+        """(n + S,) whether the equation of a node has a law that needs a smoothed v."""
+        rated = np.zeros(len(self.elements), dtype=bool)
+        for group in self.groups(range(len(self.elements))):
+            rated[group.links] = group.weak_law.needs_rate
+        return np.asarray(self.action[:, rated].any(axis=1))
 
     @cached_property
     def nonlinear(self) -> frozenset[int]:
@@ -195,12 +181,10 @@ class StructureLayout:
         return np.array([given.get(parameter.name, parameter.start) for parameter in parameters], dtype=float)
 
     @cached_property
-    def neighbourhoods(self) -> tuple[frozenset[int], ...]:
-        """For each node with an equation, itself and the nodes that the elements in it read."""
-        return tuple(
-            frozenset((own, *(node for number in numbers for node, _ in self.elements[number].reading)))
-            for own, numbers in enumerate(self.elements_at)
-        )
+    def neighbourhoods(self) -> Bools:
+        """(n + S, n + S + 2) for each node with an equation, itself and the nodes that the elements in it read."""
+        read = np.abs(self.action) @ np.abs(self.reading)
+        return np.asarray(read + np.eye(*read.shape) > 0.0)
 
     @cached_property
     def reading(self) -> Floats:
@@ -252,7 +236,7 @@ class StructureLayout:
         return self._layouts[key]
 
     def _layout(self, masses: Indices, forced: tuple[int, ...]) -> PatchLayout:
-        links = np.unique([number for mass in masses for number in self.elements_at[mass]])
+        links = np.flatnonzero(self.action[masses].any(axis=0))
         groups = tuple(self.groups(links))
         parts, numbers, chosen, stop = [], [], [], 0
         for group in groups:
@@ -261,7 +245,7 @@ class StructureLayout:
                 parts.append((part, slice(start, stop)))
                 numbers.append(_multipliers(group, part))
                 chosen.append(group.links)
-        inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
+        inertia = self._numbers((-1 - mass, MASS) for mass in masses.tolist())
         forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
         sizes = [*map(len, chosen), len(masses), len(forced)]
         numbered = np.concatenate([*chosen, links])
