@@ -272,21 +272,22 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     Raises IdentificationError if a parameter is in no equation, nothing sets the scale of the forces, or terms are collinear.
     """
     _require_informed(system, structure)
+    numbers = np.arange(len(structure.parameters))
     lower = np.array([parameter.lower for parameter in structure.parameters])
     upper = np.array([parameter.upper for parameter in structure.parameters])
     patches = [patch for patch in system.patches if len(patch.layout.free_terms)]
     next_weights = [1.0 / np.maximum(patch.largest(), np.finfo(float).tiny) for patch in patches]
     for _ in range(_ROUNDS):
         weights = next_weights
-        normal, right = normal_equations(patches, weights, len(lower))
+        normal, right = normal_equations(patches, weights, numbers)
         values, free = _solve_bounded(normal, right, lower, upper, system.parameters)
         next_weights = [1.0 / residual_power(patch, values) for patch in patches]
     noisy = [NoisyPatch.of(patch, system, values) for patch in patches]
     excess = residual_excess(noisy, values)
-    scatter = assemble_blocks(score_blocks(noisy, weights), len(values))
+    scatter = summed_blocks(score_blocks(noisy, weights), numbers)
     noise = system.motion.density * max(excess, 1.0)
     covariance = noise * _covariance(normal, scatter, free, system.parameters)
-    biased, _ = normal_equations(patches, weights, len(lower), bias=1.0)
+    biased, _ = normal_equations(patches, weights, numbers, bias=1.0)
     return WeakFit(values, covariance, free, excess, _significances(normal, biased, free, system.windows))
 
 
@@ -314,47 +315,33 @@ def residual_power(patch: Patch, values: Floats) -> Floats:
 
 
 def normal_equations(
-    patches: Sequence[Patch], weights: Sequence[Floats], count: int, *, bias: float = 0.0
+    patches: Sequence[Patch], weights: Sequence[Floats], numbers: Indices, *, bias: float = 0.0
 ) -> tuple[Floats, Floats]:
-    """Normal equations H c = g of least squares over all masses: H (p, p) and g (p,).
+    """Normal equations H c = g of least squares over all masses, of the parameters `numbers` (s,): H (s, s) and g (s,).
 
     The masses of each patch have `weights` (m,). The share `bias` of the noise bias is left in: with 1, H is never indefinite
     but the values are biased towards zero.
     """
-    blocks, g = normal_blocks(patches, weights, count, bias=bias)
-    return assemble_blocks(blocks, count), g
-
-
-def normal_blocks(
-    patches: Sequence[Patch], weights: Sequence[Floats], count: int, *, bias: float = 0.0
-) -> tuple[list[tuple[Indices, Floats]], Floats]:
-    """The `normal_equations` in blocks, one for each patch: indices (s,) and values (s, s) of those of H, and g (p,)."""
-    g = np.zeros(count)
-    blocks = []
+    g, blocks = np.zeros(np.max(numbers, initial=-1) + 1), []
     for patch, weight in zip(patches, weights, strict=True):
         moments = patch.moments if bias == 0.0 else (1.0 - bias) * patch.moments + bias * patch.products
         weighted = moments * ((patch.layout.signs.T * weight) @ patch.layout.signs)
         free_rows, which = weighted[patch.layout.free_terms], patch.layout.free_parameters
-        g -= np.bincount(which, free_rows @ patch.fixed, count)
+        g -= np.bincount(which, free_rows @ patch.fixed, len(g))
         blocks.append((which, free_rows[:, patch.layout.free_terms]))
-    return blocks, g
+    return summed_blocks(blocks, numbers), g[numbers]
 
 
-def assemble_blocks(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Floats:
-    """Sum of square blocks at their positions in a matrix (count, count).
+def summed_blocks(blocks: Iterable[tuple[Indices, Floats]], numbers: Indices) -> Floats:
+    """(s, s) sum of square blocks between the parameters `numbers` (s,), in their order; others have none.
 
-    A block has indices (s,), of which some may be repeated, and values (s, s).
+    A block has the numbers of its parameters, of which some may be repeated, and values.
     """
-    parts = [((count * which[:, None] + which).ravel(), block.ravel()) for which, block in blocks]
+    order, count = np.argsort(numbers), len(numbers)
+    places = ((order[np.searchsorted(numbers, which, sorter=order)], block) for which, block in blocks)
+    parts = [((count * place[:, None] + place).ravel(), block.ravel()) for place, block in places]
     positions, data = (np.concatenate(part) for part in zip(*parts, strict=True))
     return np.asarray(np.bincount(positions, data, count * count), dtype=float).reshape(count, count)
-
-
-def dense_blocks(blocks: Iterable[tuple[Indices, Floats]], numbers: Indices) -> Floats:
-    """(s, s) sum of square blocks between the coefficients `numbers` (s,), in their order; others have none."""
-    order = np.argsort(numbers)
-    places = ((order[np.searchsorted(numbers, which, sorter=order)], block) for which, block in blocks)
-    return assemble_blocks(places, len(numbers))
 
 
 def _solve_bounded(
