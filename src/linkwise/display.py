@@ -153,6 +153,22 @@ def align_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
     return lines
 
 
+def table(
+    rows: Sequence[tuple[str, ...]], title: str = "", *, most: int | None = None, more: str = "more"
+) -> list[str]:
+    """The lines of a head and `rows` below it, at most so many, under a title; none where there are no rows."""
+    if len(rows) < 2:
+        return []
+    shown = rows if most is None else rows[: 1 + most]
+    hidden = [f"  ... and {len(rows) - len(shown)} {more}"] if len(shown) < len(rows) else []
+    return [*filter(None, [title]), *align_columns(shown), *hidden]
+
+
+def text_of(*blocks: Iterable[str]) -> str:
+    """Blocks of lines, an empty line between them; blocks without lines are left out."""
+    return "\n\n".join(filter(None, map("\n".join, blocks)))
+
+
 def listed(names: Sequence[str]) -> str:
     """Names in a line; of more than six the first four and the last."""
     return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:4])}, ..., {names[-1]}"

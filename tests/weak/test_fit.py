@@ -108,21 +108,6 @@ def test_windows_that_miss_a_sample_are_left_out(chain: lw.Structure, clean: lw.
         assert 0.0 < apart.max() < 3.0
 
 
-def test_large_and_small_alike(
-    chain: lw.Structure, clean: lw.Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The sparse way, beyond some hundreds of unknowns, gives the values of the dense one, and its standard errors."""
-    record = clean.with_noise(20.0, seed=3)
-    dense = identify(record, chain.unknown("all"))
-    monkeypatch.setattr("linkwise.weak.fit._DENSE", 5)
-    sparse = identify(record, chain.unknown("all"))
-    assert sparse.values == pytest.approx(dense.values, rel=1e-8)
-    for name in (parameter.name for parameter in dense.parameters):
-        # same numerics: an inverse loses more digits than a solution
-        error = sparse.coefficient(name).standard_error
-        assert error == pytest.approx(dense.coefficient(name).standard_error, rel=1e-6)
-
-
 @pytest.mark.slow
 def test_a_parameter_at_its_bound_leaves_the_others_free(clean: lw.Record, chain: lw.Structure) -> None:
     """With nes1.c held at 0.05 by its bound, the others are what they are when it is given as 0.05."""

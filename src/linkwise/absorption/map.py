@@ -16,7 +16,7 @@ from linkwise.absorption.ensemble import AbsorptionQuantity, run_ensemble, varia
 from linkwise.absorption.result import Rows, closure_verdict
 from linkwise.absorption.sinks import SUFFIX, find_sinks, with_harvesters
 from linkwise.arrays import Bools, Floats
-from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
+from linkwise.display import JudgedView, paragraph, remark_lines, table, text_of
 from linkwise.errors import (
     LinkwiseError,
     SimulationError,
@@ -236,8 +236,8 @@ class AbsorptionMap(JudgedView):
 
     def __str__(self) -> str:
         rows: Rows = [(*row, "") for row in map_rows(self)]
-        headline = paragraph(" ".join(map_headline(self)))
-        return "\n\n".join([headline, "\n".join(align_columns(rows)), *map(remark_lines, self.findings)])
+        findings = ([remark_lines(finding)] for finding in self.findings)
+        return text_of([paragraph(" ".join(map_headline(self)))], table(rows), *findings)
 
 
 _RUN_BYTES, _MASS_BYTES = 5000, 1200  # at most, until the last run has ended, for each run and mass

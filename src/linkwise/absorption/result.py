@@ -11,7 +11,7 @@ from linkwise.absorption.runs import AbsorptionRun, comparable, reduction
 from linkwise.absorption.sinks import Sink, damping_unit
 from linkwise.analysis.rest_positions import hilltop_finding
 from linkwise.arrays import Floats, finite
-from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
+from linkwise.display import JudgedView, paragraph, remark_lines, table, text_of
 from linkwise.records.channel_units import unit_in
 from linkwise.verdict import UNGRADED, Basis, Verdict
 
@@ -358,14 +358,17 @@ class Absorption(JudgedView):
         return {**own, "peak_reduction": mass.peak_reduction, "rms_reduction": mass.rms_reduction}
 
     def __str__(self) -> str:
-        blocks = ["\n".join(paragraph(sentence) for sentence in headline(self))]
-        tables = [(mass_rows(self), "masses"), (energy_rows(self), "links"), (crossing_rows(self), "sinks")]
-        if self.harvests:
-            tables.append((harvest_rows(self), "harvesters"))
-        blocks += [_shortened_table(rows, contents) for rows, contents in tables]
-        if self.findings:
-            blocks.append("\n".join(map(remark_lines, self.findings)))
-        return "\n\n".join(blocks)
+        tables = {
+            "masses": mass_rows,
+            "links": energy_rows,
+            "sinks": crossing_rows,
+            "harvesters": harvest_rows,
+        }
+        shown = (
+            table([(*row, "") for row in rows(self)], most=_MANY + 3, more=f"more {contents}")
+            for contents, rows in tables.items()
+        )
+        return text_of(map(paragraph, headline(self)), *shown, map(remark_lines, self.findings))
 
 
 def closure_verdict(closure: float) -> Verdict:
@@ -489,11 +492,3 @@ def harvest_rows(absorption: Absorption) -> Rows:
         numbers = (load, f"{harvest.energy:.4g} J", f"{harvest.average_power:.4g} W")
         rows.append((harvest.link, *numbers, percent(harvest.share)))
     return rows
-
-
-def _shortened_table(rows: Rows, contents: str) -> str:
-    """Rows in columns; only the first of very many."""
-    shown = [(*row, "") for row in rows[: _MANY + 4]]
-    hidden = len(rows) - len(shown)
-    lines = align_columns(shown)
-    return "\n".join([*lines, *([f"  ... and {hidden} more {contents}"] if hidden else [])])

@@ -132,7 +132,7 @@ def _rivals_beside(
 
 def _errors(estimate: Estimate) -> Floats:
     """(p,) the standard errors of all coefficients."""
-    return np.asarray(np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0)))
+    return np.asarray(np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0)))
 
 
 def _doubts(

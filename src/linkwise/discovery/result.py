@@ -24,6 +24,8 @@ from linkwise.display import (
     format_value,
     paragraph,
     remark_lines,
+    table,
+    text_of,
 )
 from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate
@@ -473,7 +475,7 @@ class Discovery(JudgedView):
         return Grade.worst((self.estimate.grade, *search))
 
     def __str__(self) -> str:
-        return "\n\n".join("\n".join(lines) for lines in _blocks(self))
+        return text_of(*_blocks(self))
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data: that of the estimate, and the evidence.
@@ -523,28 +525,19 @@ def _blocks(discovery: Discovery) -> Iterator[Iterable[str]]:
     modes = (coefficient for mode in discovery.estimate.modes for coefficient in mode.coefficients)
     masses = unknown_rows([*discovery.estimate.masses, *modes])
     terms = [row for link in links for row in term_rows(discovery, link)]
-    table = iter(align_columns([TERM_HEAD, *masses, *terms]))
-    lines = [next(table), *(next(table) for _ in masses)]
+    rows = iter(align_columns([TERM_HEAD, *masses, *terms]))
+    lines = [next(rows), *(next(rows) for _ in masses)]
     for link in links[:_LINKS]:
         title = f"{link.link.name}{doubt_mark(discovery, link)}, {link.kind}: {link.link.law.text}"
-        lines.append(title)
-        lines += [next(table) for _ in link.coefficients]
+        lines += [title, *(next(rows) for _ in link.coefficients)]
     if len(links) > _LINKS:
         lines.append(f"... and {len(links) - _LINKS} less certain links; the result folder lists all")
     yield lines
-    if discovery.memory:
-        yield [*map(memory_sentence, discovery.memory), *align_columns(memory_rows(discovery.memory))]
-    doubtful = doubtful_rows(discovery)
-    if len(doubtful) > 1:
-        more = len(doubtful) - 1 - _DOUBTFUL
-        tail = [f"  ... and {more} more"] if more > 0 else []
-        yield [doubtful_title(discovery), *align_columns(doubtful[: _DOUBTFUL + 1]), *tail]
-    if discovery.runners_up:
-        yield ["the next best models", *align_columns(runner_up_rows(discovery)[: _RUNNERS_UP + 1])]
-    if len(rows := path_rows(discovery)) > 1:
-        yield [PATH_TITLE, *align_columns(rows)]
-    if remarks := all_remarks(discovery):
-        yield map(remark_lines, remarks)
+    yield [*map(memory_sentence, discovery.memory), *table(memory_rows(discovery.memory))]
+    yield table(doubtful_rows(discovery), doubtful_title(discovery), most=_DOUBTFUL)
+    yield table(runner_up_rows(discovery)[: _RUNNERS_UP + 1], "the next best models")
+    yield table(path_rows(discovery), PATH_TITLE)
+    yield map(remark_lines, all_remarks(discovery))
 
 
 def headline(discovery: Discovery) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.equations import WeakEquations, weak_equations
-from linkwise.weak.fit import NoisyPatch, dense_blocks, normal_blocks, residual_power, score_blocks
+from linkwise.weak.fit import NoisyPatch, normal_equations, residual_power, score_blocks, summed_blocks
 
 #: Records with the displacements of all masses.
 Measured = Sequence[tuple[Record, MeasuredDisplacements]]
@@ -86,7 +86,7 @@ class WeakRegression:
         scatter = np.zeros((len(numbers), len(numbers)))
         for system, weight in zip(systems, weights, strict=True):
             noisy = [NoisyPatch.of(patch, system, values) for patch in system.patches]
-            scatter += system.motion.density * dense_blocks(score_blocks(noisy, weight), numbers)
+            scatter += system.motion.density * summed_blocks(score_blocks(noisy, weight), numbers)
         names = tuple(parameters[number] for number in numbers)
         return cls(candidates, systems, weights, names, numbers, scatter)
 
@@ -145,9 +145,8 @@ def _normal_equations(
 ) -> tuple[Floats, Floats]:
     h, g = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
     for system, weight in zip(systems, weights, strict=True):
-        blocks, right = normal_blocks(system.patches, weight, len(system.parameters), bias=bias)
-        h += dense_blocks(blocks, numbers)
-        g += right[numbers]
+        own = normal_equations(system.patches, weight, numbers, bias=bias)
+        h, g = h + own[0], g + own[1]
     return h, g
 
 

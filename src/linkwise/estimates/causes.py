@@ -188,20 +188,16 @@ class Cause:
         dict
             Its part of result.json.
         """
-        source: dict[str, str | float | list[str]] = {"source": self.source} if self.source else {}
-        rivals: dict[str, str | float | list[str]] = {"rivals": [*self.rivals]} if self.rivals else {}
-        return (
-            source
-            | rivals
-            | {
-                "cause": self.kind if not self.term else f"term {self.term}",
-                "where": self.where,
-                "size": self.size,
-                "unit": self.unit,
-                "gain": self.gain,
-                "message": f"{self.description} would lower -2 log likelihood by {self.gain:.3g}",
-            }
-        )
+        return {
+            **({"source": self.source} if self.source else {}),
+            **({"rivals": [*self.rivals]} if self.rivals else {}),
+            "cause": self.kind if not self.term else f"term {self.term}",
+            "where": self.where,
+            "size": self.size,
+            "unit": self.unit,
+            "gain": self.gain,
+            "message": f"{self.description} would lower -2 log likelihood by {self.gain:.3g}",
+        }
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array
 
 from linkwise.arrays import Bools, Floats
 from linkwise.display import (
@@ -22,6 +21,8 @@ from linkwise.display import (
     format_duration,
     paragraph,
     remark_lines,
+    table,
+    text_of,
 )
 from linkwise.errors import IdentificationError, StructureError, require_known
 from linkwise.estimates.causes import (
@@ -131,7 +132,7 @@ class Estimate(JudgedView):
         The structure with its unknowns.
     parameters : tuple of Parameter
         The p unknowns.
-    values, covariance : array of shape (p,); array or sparse array of shape (p, p)
+    values, covariance : array of shape (p,); array of shape (p, p)
         Their values in SI units and their covariance.
     free : array of bool, shape (p,)
         False where a parameter is at its bound, which leaves it without an interval.
@@ -199,7 +200,7 @@ class Estimate(JudgedView):
     given_structure: Structure
     parameters: tuple[Parameter, ...]
     values: Floats
-    covariance: Floats | csc_array
+    covariance: Floats
     free: Bools
     noise: Mapping[str, NoiseEstimate]
     chi_square_per_sample: float | None
@@ -527,29 +528,7 @@ class Estimate(JudgedView):
         return table.astype(dict.fromkeys(columns[:4], float))
 
     def __str__(self) -> str:
-        blocks = [_verdict_text(self), _noise_text(self)]
-        unknown = [mass for mass in self.masses if not mass.known]
-        of_modes = [c for mode in self.modes if mode.free for c in mode.coefficients]
-        for title, shown in (("masses", unknown), ("modes", of_modes)):
-            rows = [coefficient_row(one, one.name.removesuffix(".mass")) for one in shown]
-            if rows:
-                blocks.append("\n".join([title, *align_columns([COEFFICIENT_HEAD, *rows])]))
-        if self.shapes:
-            blocks.append(_shapes_text(self))
-        links = [link for link in self.links if link.free]
-        blocks += [str(link) for link in links[:_MANY]]
-        if len(links) > _MANY:
-            blocks.append(f"... and {len(links) - _MANY} more links; the result folder lists all of them")
-        if self.profile_intervals:
-            blocks.append(_profiles_text(self))
-        if len(self.diagnosis) > 1:
-            blocks.append(_diagnosis_text(self))
-        title, asked, rows = self.second_answer
-        if rows:
-            blocks.append("\n".join([title, *(f"  {line}" for line in asked), *align_columns(rows)]))
-        if self.findings:
-            blocks.append("\n".join(remark_lines(finding) for finding in self.findings))
-        return "\n\n".join(blocks)
+        return text_of(*_blocks(self))
 
     @cached_property
     def _coefficients(self) -> dict[str, CoefficientEstimate]:
@@ -595,8 +574,7 @@ class Estimate(JudgedView):
         names = self.given_structure.links[index].coefficients
         free = tuple(name for name in names if (index, name) in self._parameter_index)
         which = np.array([self._parameter_index[index, name] for name in free], dtype=int)
-        block = self.covariance[np.ix_(which, which)] if len(which) else np.zeros((0, 0))
-        return free, np.asarray(block if isinstance(block, np.ndarray) else block.toarray())
+        return free, self.covariance[np.ix_(which, which)]
 
 
 class Estimator(ABC):
@@ -674,15 +652,44 @@ _CAUSES = 4  # of what is left, that are shown
 _DIFFERS = 0.1
 
 
-def _verdict_text(estimate: Estimate) -> str:
+def _blocks(estimate: Estimate) -> Iterator[Iterable[str]]:
+    """The lines of each part of the text."""
     value = estimate.chi_square_per_sample
     chi = "" if value is None else f", chi-square {format_chi_square(value)}"
     head = f"{estimate.structure.name or 'structure'}: {estimate.method}, {estimate.status}, {estimate.grade.trust}"
     summary = f"{estimate.explanation} ({estimate.samples} samples{chi}, {format_duration(estimate.seconds)})"
-    return f"{head}\n{paragraph(summary)}"
+    yield [head, paragraph(summary)]
+    yield table(_noise_rows(estimate), most=_MANY, more="more channels")
+    unknown = [mass for mass in estimate.masses if not mass.known]
+    of_modes = [c for mode in estimate.modes if mode.free for c in mode.coefficients]
+    for title, shown in (("masses", unknown), ("modes", of_modes)):
+        rows = (coefficient_row(one, one.name.removesuffix(".mass")) for one in shown)
+        yield table([COEFFICIENT_HEAD, *rows], title)
+    yield _shapes_lines(estimate)
+    links = [link for link in estimate.links if link.free]
+    yield from ([str(link)] for link in links[:_MANY])
+    if len(links) > _MANY:
+        yield [f"... and {len(links) - _MANY} more links; the result folder lists all of them"]
+    if profiles := list(_profile_rows(estimate)):
+        yield ["95 % intervals that follow the likelihood (profiles)", *align_columns(profiles)]
+    if len(estimate.diagnosis) > 1:
+        causes = [(cause.description, f"{cause.gain:.3g}") for cause in estimate.diagnosis[:_CAUSES]]
+        yield table([("what is left would be explained by", "gain"), *causes])
+    title, asked, second = estimate.second_answer
+    if second:
+        yield [title, *(f"  {line}" for line in asked), *align_columns(second)]
+    yield map(remark_lines, estimate.findings)
 
 
-def _shapes_text(estimate: Estimate) -> str:
+def _noise_rows(estimate: Estimate) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = [("noise", "deviation", "signal/noise")]
+    for name, noise in estimate.noise.items():
+        ratio = f"{noise.snr_db:.1f} dB" if isfinite(noise.snr_db) else "no noise"
+        rows.append((name, f"{noise.sigma:.3g} {noise.unit}", ratio))
+    return rows
+
+
+def _shapes_lines(estimate: Estimate) -> list[str]:
     """The shapes that moved farthest from what was known of them, in its standard deviations."""
     known = {p.name: (p.start or 0.0, p.sigma) for p in estimate.parameters}
 
@@ -691,24 +698,18 @@ def _shapes_text(estimate: Estimate) -> str:
         return abs(shape.value - start) / sigma
 
     shapes = sorted(estimate.shapes, key=moved, reverse=True)
-    rows = (coefficient_row(shape, shape.name) for shape in shapes[:_SHAPES])
-    lines = ["shapes", *align_columns([COEFFICIENT_HEAD, *rows])]
+    more = ""
     if len(shapes) > _SHAPES:
-        lines.append(
-            f"  ... and {len(shapes) - _SHAPES} more, which moved by {moved(shapes[_SHAPES]):.2g} of their standard deviation "
-            "beforehand or less; the result folder lists all of them"
+        more = (
+            f"more, which moved by {moved(shapes[_SHAPES]):.2g} of their standard deviation beforehand or less; the result "
+            "folder lists all of them"
         )
-    return "\n".join(lines)
+    rows = (coefficient_row(shape, shape.name) for shape in shapes)
+    return table([COEFFICIENT_HEAD, *rows], "shapes", most=_SHAPES, more=more)
 
 
-def _diagnosis_text(estimate: Estimate) -> str:
-    rows = [(cause.description, f"{cause.gain:.3g}") for cause in estimate.diagnosis[:_CAUSES]]
-    return "\n".join(align_columns([("what is left would be explained by", "gain"), *rows]))
-
-
-def _profiles_text(estimate: Estimate) -> str:
+def _profile_rows(estimate: Estimate) -> Iterator[tuple[str, str]]:
     """Profile intervals, with a mark on those that differ from the intervals of the standard errors."""
-    rows = []
     for name, ends in estimate.profile_intervals.items():
         coefficient = estimate.coefficient(name)
         differs = coefficient.interval is not None and any(
@@ -716,17 +717,4 @@ def _profiles_text(estimate: Estimate) -> str:
             for end, standard in zip(ends, coefficient.interval, strict=True)
         )
         mark = "  differs from the table: trust this one" if differs else ""
-        rows.append((name, f"{ends[0]:.6g} to {ends[1]:.6g} {coefficient.unit}{mark}"))
-    return "\n".join(["95 % intervals that follow the likelihood (profiles)", *align_columns(rows)])
-
-
-def _noise_text(estimate: Estimate) -> str:
-    channels = list(estimate.noise.items())
-    rows = [("noise", "deviation", "signal/noise")]
-    for name, noise in channels[:_MANY]:
-        ratio = f"{noise.snr_db:.1f} dB" if isfinite(noise.snr_db) else "no noise"
-        rows.append((name, f"{noise.sigma:.3g} {noise.unit}", ratio))
-    lines = align_columns(rows)
-    if len(channels) > _MANY:
-        lines.append(f"... and {len(channels) - _MANY} more channels")
-    return "\n".join(lines)
+        yield name, f"{ends[0]:.6g} to {ends[1]:.6g} {coefficient.unit}{mark}"

@@ -95,8 +95,6 @@ class Posterior:
                 f"this estimate has no covariance to draw from ({estimate.without_intervals}); identify again until the "
                 "estimate can be trusted, or use its structure without uncertainty"
             )
-        dense = estimate.covariance
-        covariance = dense if isinstance(dense, np.ndarray) else dense.toarray()
         free = np.flatnonzero(estimate.free).tolist()
         members = [(number, slot) for number in free for slot in estimate.parameters[number].members]
         which = np.array([number for number, _ in members], dtype=int)
@@ -106,7 +104,7 @@ class Posterior:
         return cls(
             structure,
             tuple(Name(owners[index], key) for _, (index, key) in members),
-            np.ascontiguousarray(covariance[np.ix_(which, which)]),
+            np.ascontiguousarray(estimate.covariance[np.ix_(which, which)]),
             np.array([estimate.parameters[number].lower for number in which]),
             np.array([estimate.parameters[number].upper for number in which]),
             None if dropped is None else dropped[np.ix_(which, which)],

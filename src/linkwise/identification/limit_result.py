@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.display import JudgedView, align_columns, enumerated, format_value, listed
+from linkwise.display import JudgedView, enumerated, format_value, listed, table, text_of
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import (
     NORMAL_95,
@@ -32,6 +32,7 @@ from linkwise.verdict import UNGRADED, Basis, Verdict
 
 # standard errors: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)
 DETECTION = 3.605
+_MOST_ROWS = 40  # of a table that are printed
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,15 +291,15 @@ class Limit(JudgedView):
         noise: Rows = [("noise", "deviation"), *((name, size.strip()) for name, size in sizes.items())]
         title = ("coefficient", "value", "std. error", "relative", "detectable", "unit")
         forces = [(link.name, _percent(link.nmse), _detectable(link), "") for link in self.links]
+        wells = [row for link in self.links for row in _well_rows(link)]
         tables: list[Rows] = [
             noise,
             [title, *(_coefficient_row(coefficient) for coefficient in self.coefficients)],
             [("force of", "expected NMSE", "detectable", ""), *forces],
+            [("", "value", "95 % interval", "unit"), *wells],
         ]
-        wells = [row for link in self.links for row in _well_rows(link)]
-        tables += [[("", "value", "95 % interval", "unit"), *wells]] if wells else []
-        findings = [f"! {finding}" for finding in self.findings]
-        return "\n\n".join("\n".join(block) for block in ([head], *map(_lines, tables), findings) if block)
+        shown = (table(rows, most=_MOST_ROWS) for rows in tables)
+        return text_of([head], *shown, (f"! {finding}" for finding in self.findings))
 
     def _link_limit(self, index: int) -> LinkLimit:
         link, (d, v) = self.structure.links[index], true_motion(self.record, index)
@@ -404,13 +405,3 @@ def _well_rows(link: LinkLimit) -> Rows:
     named += [(f"{link.name} barrier", estimate.barrier)] if estimate.barrier is not None else []
     texts = [(label, *quantity.texts, quantity.unit) for label, quantity in named]
     return [(label, value, interval or "not identifiable", unit) for label, value, interval, unit in texts]
-
-
-_MOST_ROWS = 40  # of a table that are printed
-
-
-def _lines(rows: Rows) -> list[str]:
-    """A title and rows in aligned columns; of a long table the first rows and the number of the others."""
-    lines = align_columns(rows)
-    left_out = len(lines) - 1 - _MOST_ROWS
-    return lines if left_out <= 0 else [*lines[: 1 + _MOST_ROWS], f"  ... and {left_out} more"]

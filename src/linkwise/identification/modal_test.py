@@ -16,13 +16,14 @@ from scipy.signal import welch
 from linkwise.arrays import Bools, Floats
 from linkwise.display import (
     JudgedView,
-    align_columns,
     format_both,
     format_duration,
     format_error,
     format_value,
     paragraph,
     remark_lines,
+    table,
+    text_of,
 )
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.likelihood.whiteness import is_white
@@ -158,13 +159,11 @@ class HostEstimate(JudgedView):
             for name, entry in zip(host.damping_links.values(), host.entries.values(), strict=True)
             if abs(entry.value or 0.0) > _SHOWN * entry.sigma
         ]
-        blocks = [f"{head}\n{paragraph(summary)}", "\n".join(align_columns(rows))]
-        if host.damping:
-            counts = f"{len(host.damping)} pairs are free, {len(between)} of them stand out"
-            table = align_columns([("", "damping [N s/m]", "std. error"), *between]) if between else []
-            blocks.append("\n".join([f"damping between modes: {counts}", *table]))
-        blocks += [remark_lines(remark) for remark in self.remarks]
-        return "\n\n".join(blocks)
+        counts = f"{len(host.damping)} pairs are free, {len(between)} of them stand out"
+        of_pairs = [f"damping between modes: {counts}"] if host.damping else []
+        of_pairs += table([("", "damping [N s/m]", "std. error"), *between])
+        remarks = ([remark_lines(remark)] for remark in self.remarks)
+        return text_of([head, paragraph(summary)], table(rows), of_pairs, *remarks)
 
 
 _FAINT = 10.0

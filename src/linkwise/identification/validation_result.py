@@ -12,12 +12,13 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import (
     JudgedView,
-    align_columns,
     format_error,
     format_value,
     listed,
     paragraph,
     remark_lines,
+    table,
+    text_of,
 )
 from linkwise.inspection.inspect import unanswered_alerts
 from linkwise.inspection.result import Alert
@@ -358,13 +359,11 @@ class Validation(JudgedView):
         }
 
     def __str__(self) -> str:
-        blocks = ["\n".join(paragraph(line) for line in headline(self))]
-        blocks.append("\n".join(align_columns([CHANNEL_HEAD, *channel_rows(self)])))
-        if self.coefficients:
-            blocks.append("\n".join(align_columns([COEFFICIENT_HEAD, *coefficient_rows(self)])))
-        if self.findings:
-            blocks.append("\n".join(remark_lines(entry) for entry in self.findings))
-        return "\n\n".join(blocks)
+        tables = (
+            table([CHANNEL_HEAD, *channel_rows(self)]),
+            table([COEFFICIENT_HEAD, *coefficient_rows(self)]),
+        )
+        return text_of(map(paragraph, headline(self)), *tables, map(remark_lines, self.findings))
 
 
 def _profile_document(profile: ErrorProfile) -> dict[str, Any]:

@@ -13,9 +13,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.sparse import csc_array
 
-from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError
 from linkwise.estimates.causes import UnseenTerm, unseen_remark
 from linkwise.estimates.estimate import Estimate
@@ -66,8 +64,7 @@ def judged_by_likelihood(answer: Estimate) -> Estimate:
     examined = Examined(fit, (structure,), (record,), searched=True)
     judgement = judge(examined, without=_OF_THE_LIKELIHOOD)
     verdict, message = judgement.verdict, judgement.message
-    covariance: Floats | csc_array = answer.covariance
-    unseen: tuple[UnseenTerm, ...] = ()
+    covariance, unseen = answer.covariance, tuple[UnseenTerm, ...]()
     if verdict is Verdict.CONVERGED:
         tests, noise = examined.diagnosis.tested, judgement.leaves_noise
         beside = unseen_terms(fit, tests, covariance, terms=noise)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.display import JudgedView, align_columns, format_both, paragraph
+from linkwise.display import JudgedView, format_both, paragraph, table, text_of
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.inspection.level_quantities import (
     DAMPING,
@@ -170,14 +170,8 @@ class LevelComparison(JudgedView):
         return tuple(verdict for verdict, applies in holds.items() if applies) or (Verdict.LINEAR_IN_RANGE,)
 
     def __str__(self) -> str:
-        blocks = ["\n".join(map(paragraph, headline(self))), "\n".join(align_columns(mode_rows(self)))]
-        for rows in (distortion_rows(self), ring_down_rows(self)):
-            if len(rows) > 1:
-                blocks.append("\n".join(align_columns(rows)))
-        gaps = gaps_text(self)
-        if gaps:
-            blocks.append(paragraph(gaps))
-        return "\n\n".join(blocks)
+        tables = map(table, (mode_rows(self), distortion_rows(self), ring_down_rows(self)))
+        return text_of(map(paragraph, headline(self)), *tables, [paragraph(gaps_text(self))])
 
     def to_dict(self) -> dict[str, Any]:
         """The comparison as plain data.

@@ -35,7 +35,7 @@ from linkwise.records.channel import HELD
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord, framed
-from linkwise.signals.noise import noise_variance
+from linkwise.signals.noise import noise_deviations
 
 ALL = "all"
 _INPUT = "force:"
@@ -204,7 +204,7 @@ def _noise_power(record: Record, channel: str) -> float:
     values = record.channel(channel)
     if not np.isfinite(values).all():
         return 0.0
-    power = float(noise_variance(record, [channel], values[None])[0])
+    power = float(noise_deviations(record, [channel])[0]) ** 2
     size = float(np.mean(values**2))
     stated = channel in record.noise
     return power if stated or _ROUNDING**2 * size < power < NOISIEST_INPUT**2 * size else 0.0

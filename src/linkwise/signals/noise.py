@@ -311,7 +311,7 @@ def channel_noise(record: Record) -> dict[str, float]:
     not state it.
     """
     names = record.responses
-    sigma = _deviations(record, names, record.select(names).values.T)
+    sigma = noise_deviations(record, names)
     floor = noise_floor(record)
     return {name: max(float(value), floor[name]) for name, value in zip(names, sigma, strict=True)}
 
@@ -328,17 +328,12 @@ def noise_floor(record: Record) -> dict[str, float]:
     return floor
 
 
-def noise_variance(record: Record, names: Sequence[str], values: Floats) -> Floats:
-    """Variance (C,) of the noise of the named channels, whose samples are `values` (C, N), stated or estimated; 0 for one
-    with too many gaps.
+def noise_deviations(record: Record, names: Sequence[str]) -> Floats:
+    """Standard deviations (C,) of the noise of the named channels, stated or estimated; 0 for one with too many gaps for an
+    estimate.
     """
-    return _deviations(record, names, values) ** 2
-
-
-def _deviations(record: Record, names: Sequence[str], values: Floats) -> Floats:
-    """Standard deviations (C,); 0 for a channel with too many gaps for an estimate."""
     stated = np.array([record.noise.get(name, np.nan) for name in names])
     if np.isfinite(stated).all():
         return stated
-    estimated = np.nan_to_num(noise_sigma(values.T))
+    estimated = np.nan_to_num(noise_sigma(record.select(names).values))
     return np.where(np.isfinite(stated), stated, estimated)

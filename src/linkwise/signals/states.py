@@ -53,15 +53,13 @@ def savitzky_golay(samples: ArrayLike, rate: float, *, half: int) -> tuple[Float
     fit = np.linalg.pinv(np.vander(u, _DEGREE + 1, increasing=True))  # (degree + 1, length)
     derivatives = []
     for order in range(3):
-        unit = (rate / half) ** order
-        kernel = fit[order] * factorial(order) * unit
+        slopes = np.polynomial.polynomial.polyval(
+            u, np.polynomial.polynomial.polyder(fit, order)
+        ).T  # at each u
+        slopes *= (rate / half) ** order
         derivative = np.empty_like(values)
         for samples_in, derived in zip(values.T, derivative.T, strict=True):
-            derived[half : len(values) - half] = np.correlate(samples_in, kernel, mode="valid")
-        rows = np.zeros((length, _DEGREE + 1))  # derivatives of the powers
-        for power in range(order, _DEGREE + 1):
-            rows[:, power] = factorial(power) / factorial(power - order) * u ** (power - order)
-        slopes = rows * unit @ fit
+            derived[half : len(values) - half] = np.correlate(samples_in, slopes[half], mode="valid")
         derivative[:half] = slopes[:half] @ values[:length]
         derivative[len(values) - half :] = slopes[half + 1 :] @ values[-length:]
         derivatives.append(derivative)

@@ -18,7 +18,7 @@ from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure, refuse_hosts, refuse_rig
 from linkwise.progress import Progress
 from linkwise.records.record import Record
-from linkwise.signals.noise import noise_variance
+from linkwise.signals.noise import noise_deviations
 from linkwise.signals.states import DifferentiationMethod as Derivative
 from linkwise.signals.states import States, differentiate
 from linkwise.sindy.library import link_columns
@@ -166,8 +166,7 @@ def _verdict(unexplained: float) -> tuple[Verdict, str]:
 
 def _noise(record: Record) -> dict[str, NoiseEstimate]:
     named = [name for name in record.responses if name.kind == "x"]
-    variances = noise_variance(record, named, np.stack([record.channel(name) for name in named]))
-    deviations = zip(named, np.sqrt(variances), strict=True)
+    deviations = zip(named, noise_deviations(record, named), strict=True)
     return {name: NoiseEstimate.of(record, name, float(sigma)) for name, sigma in deviations}
 
 

@@ -44,8 +44,8 @@ class MeasuredDisplacements:
         points of hosts, the base and the ground; 0 without a channel.
     has_channel : array of bool, shape (C,)
         Which of these the record has.
-    source_weights : array of shape (n + 2, C) or None
-        Weights of the channels in the displacements of the nodes; None where each node has its own.
+    source_weights : array of shape (n + 2, C)
+        Weights of the channels in the displacements of the nodes.
     measured : array of bool, shape (n,)
         The masses and modes whose displacement the channels tell.
     missing : array of bool, shape (n, N)
@@ -65,7 +65,7 @@ class MeasuredDisplacements:
     source_variance: Floats
     source_power: Floats
     has_channel: Bools
-    source_weights: Floats | None
+    source_weights: Floats
     measured: Bools
     missing: Bools
     samples: int
@@ -90,8 +90,6 @@ class MeasuredDisplacements:
     def covariance(self, nodes: Indices, *, floored: bool = False) -> Floats:
         """(c, c) covariance in m^2 of the noise in the displacements of c nodes."""
         variance = self.floored_variance if floored else self.source_variance
-        if self.source_weights is None:
-            return np.diag(variance[nodes])
         weights = self.source_weights[nodes]
         return np.asarray((weights * variance) @ weights.T)
 
@@ -146,7 +144,7 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
         source_variance=np.append(variance, 0.0),
         source_power=np.einsum("ij,ij->i", ends, ends) / complete,
         has_channel=np.append(has_channel, False),
-        source_weights=None,
+        source_weights=np.eye(len(ends)),
         measured=measured,
         missing=lacking,
         samples=int(np.sum(measured) * ends.shape[1] - np.sum(lacking[measured])),

@@ -173,15 +173,12 @@ class WeakEquations:
     @cached_property
     def d(self) -> Floats:
         """(E, R) smoothed elongations in m, of links and then of what elements of states read."""
-        return self.structure_layout.elongations(
-            self.displacements, range(len(self.structure_layout.elements))
-        )
+        return self.structure_layout.reading @ self.displacements
 
     @cached_property
     def v(self) -> Floats:
         """(E, R) their rates in m/s."""
-        rates = -self.smooth[PHI_1] / self.window.area
-        return self.structure_layout.elongations(rates, range(len(self.structure_layout.elements)))
+        return np.asarray(self.structure_layout.reading @ -self.smooth[PHI_1] / self.window.area)
 
     @property
     def states(self) -> Floats:
@@ -215,22 +212,21 @@ class WeakEquations:
         Masses in one list lack the same windows, and either each of their equations has a parameter or none has.
         """
         layout = self.structure_layout
-        measured = [*self.motion.measured.tolist(), bool(self.motion.has_channel[-2])]
+        measured = np.append(self.motion.measured, [self.motion.has_channel[-2], True])
         whole = np.ones(len(self.time))
         by_windows: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
-        for mass, nodes in enumerate(layout.neighbourhoods):
-            if all(measured[node] for node in nodes):
-                near = [node for node in nodes if node < layout.equations]
-                laws = [layout.elements[number].law for number in layout.elements_at[mass]]
+        for mass, near in enumerate(layout.neighbourhoods):
+            if measured[near].all():
+                laws = [layout.elements[number].law for number in np.flatnonzero(layout.action[mass])]
                 known = [self.recorded[name] for law in laws for name in law.signals]
                 known += [self.applied[mass]] if mass in self.applied else []
-                missing = np.any([*self.motion.missing[near], *map(np.isnan, known)], axis=0)
-                if (
-                    mass in layout.masses_needing_rate
-                ):  # v is unknown where a window lacks a sample, or leaves the record
+                nodes = near[: layout.equations]
+                missing = np.any([*self.motion.missing[nodes], *map(np.isnan, known)], axis=0)
+                # v is unknown where a window lacks a sample, or leaves the record
+                if layout.needs_rate[mass]:
                     missing = maximum_filter1d(missing, self.rate_window.length, mode="constant", cval=True)
                 valid = self.window.whole(missing) if missing.any() else whole
-                key = (valid.tobytes(), mass in layout.masses_with_parameters)
+                key = valid.tobytes(), bool(layout.has_parameters[mass])
                 by_windows.setdefault(key, (valid, []))[1].append(mass)
         return list(by_windows.values())
 

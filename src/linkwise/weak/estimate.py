@@ -50,13 +50,12 @@ from linkwise.weak.fit import (
     SIGNIFICANT,
     NoisyPatch,
     WeakFit,
-    dense_blocks,
-    normal_blocks,
     normal_equations,
     residual_power,
     score_blocks,
     significance,
     solver,
+    summed_blocks,
     weak_fit,
     with_priors,
 )
@@ -232,12 +231,11 @@ def _scores(
     p, weights = int(np.count_nonzero(~tested[numbers])), [1.0 / residual_power(patch, values)]
 
     def sums(bias: float) -> tuple[Floats, Floats]:
-        blocks, right = normal_blocks([patch], weights, len(values), bias=bias)
-        moments = dense_blocks(blocks, numbers)
-        return moments, right[numbers] - moments @ values[numbers]
+        moments, right = normal_equations([patch], weights, numbers, bias=bias)
+        return moments, right - moments @ values[numbers]
 
     (moments, slope), (biased, biased_slope) = sums(0.0), sums(1.0)
-    scatter = dense_blocks(score_blocks([NoisyPatch.of(patch, system, values)], weights), numbers)
+    scatter = summed_blocks(score_blocks([NoisyPatch.of(patch, system, values)], weights), numbers)
     scale = 1.0 / np.sqrt(np.maximum(biased.diagonal(), np.finfo(float).tiny))
     moments, biased, scatter = (matrix * np.outer(scale, scale) for matrix in (moments, biased, scatter))
     beside = np.linalg.lstsq(moments[:p, :p], moments[:p, p:], rcond=_COLLINEAR**2)[0]
@@ -477,7 +475,7 @@ def _with_smoothing(record: Record, structure: Structure, equations: WeakEquatio
     bends is biased by a higher power of the width, for which the proportion is a bound. Structures so large that they have no
     covariance of all their parameters stay as they are.
     """
-    if not (_rated_links(structure) and isinstance(fit.covariance, np.ndarray) and fit.free.any()):
+    if not (_rated_links(structure) and fit.free.any()):
         return fit
     try:
         bias = _change(record, structure, equations, fit) / (_WIDER - 1.0)
@@ -488,7 +486,7 @@ def _with_smoothing(record: Record, structure: Structure, equations: WeakEquatio
 
 def _change(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> Floats:
     """(p,) change of the parameters as rates are smoothed more, to first order, in windows that both smoothings leave."""
-    window, count, free = equations.window, len(fit.values), fit.free
+    window, numbers, free = equations.window, np.arange(len(fit.values)), fit.free
     deviation = _WIDER * equations.rate_window.half / sqrt(2 * ORDER + 3)
     wide = weak_equations(
         record,
@@ -508,9 +506,9 @@ def _change(record: Record, structure: Structure, equations: WeakEquations, fit:
     left = []
     for system in (equations, wide):
         own = [system.patch(masses, windows) for masses, windows in shared]
-        normal, right = normal_equations(own, weights, count)
+        normal, right = normal_equations(own, weights, numbers)
         left.append(right - normal @ fit.values)
-    whole, change = np.asarray(normal_equations(patches, weights, count)[0]), np.zeros(count)
+    whole, change = normal_equations(patches, weights, numbers)[0], np.zeros(len(numbers))
     solve = solver(whole[np.ix_(free, free)], compress(equations.parameters, free))
     change[free] = solve((left[1] - left[0])[free])
     return change

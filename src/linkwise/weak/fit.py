@@ -26,9 +26,7 @@ from itertools import compress
 from typing import NoReturn
 
 import numpy as np
-import scipy
 from scipy.linalg.lapack import dpotrf, dpotrs
-from scipy.sparse import csc_array
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
@@ -38,12 +36,10 @@ from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.weak.displacements import source_names
 from linkwise.weak.equations import Patch, WeakEquations
-from linkwise.weak.layout import StructureLayout
 from linkwise.weak.weak_form import PHI, PHI_1, PHI_2, NoisePaths
 
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
 _CORRELATED = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
-_COLUMNS = 64  # of an inverse, that are in memory together
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,22 +227,6 @@ def _own_noise(patch: Patch, system: WeakEquations, signs: Floats, incidence: Fl
     return np.asarray(signs * (incidence @ covariance[:, own] / variance).T)
 
 
-def sandwich(h: csc_array, j: csc_array, rows: Indices, columns: Indices) -> Floats:
-    """Entries of h^-1 j h^-1 at k positions (`rows`, `columns`), which are near its diagonal; the whole matrix is dense.
-
-    Some columns of h^-1 are in memory at a time, of as many parameters as there are.
-    """
-    factor, values = scipy.sparse.linalg.splu(csc_array(h)), np.empty(len(rows))
-    for first in range(0, h.shape[0], _COLUMNS):
-        some = np.flatnonzero((rows >= first) & (rows < first + _COLUMNS))
-        which, places = np.unique(np.concatenate([rows[some], columns[some]]), return_inverse=True)
-        solved = factor.solve((which == np.arange(h.shape[0])[:, None]).astype(float))
-        left, right = solved[:, places[: len(some)]], (j @ solved)[:, places[len(some) :]]
-        values[some] = np.einsum("pk,pk->k", left, right)
-    return values
-
-
-_DENSE = 300  # parameters up to which matrices are dense
 _ROUNDS = 3  # of reweighting the masses: the second changes weights by per cents, the third by far less
 SINGULAR = 1e-13  # scaled pivot below which columns are collinear
 SIGNIFICANT = 5.0
@@ -268,8 +248,8 @@ class WeakFit:
     ----------
     values : array of shape (p,)
         The parameters in SI units.
-    covariance : array or sparse array of shape (p, p)
-        Their covariance; of large structures only between parameters of one link.
+    covariance : array of shape (p, p)
+        Their covariance.
     free : array of bool, shape (p,)
         False where a parameter is at its bound.
     excess : float
@@ -280,7 +260,7 @@ class WeakFit:
     """
 
     values: Floats
-    covariance: Floats | csc_array
+    covariance: Floats
     free: Bools
     excess: float
     significance: Floats
@@ -292,21 +272,22 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
     Raises IdentificationError if a parameter is in no equation, nothing sets the scale of the forces, or terms are collinear.
     """
     _require_informed(system, structure)
+    numbers = np.arange(len(structure.parameters))
     lower = np.array([parameter.lower for parameter in structure.parameters])
     upper = np.array([parameter.upper for parameter in structure.parameters])
     patches = [patch for patch in system.patches if len(patch.layout.free_terms)]
     next_weights = [1.0 / np.maximum(patch.largest(), np.finfo(float).tiny) for patch in patches]
     for _ in range(_ROUNDS):
         weights = next_weights
-        normal, right = normal_equations(patches, weights, len(lower))
+        normal, right = normal_equations(patches, weights, numbers)
         values, free = _solve_bounded(normal, right, lower, upper, system.parameters)
         next_weights = [1.0 / residual_power(patch, values) for patch in patches]
     noisy = [NoisyPatch.of(patch, system, values) for patch in patches]
     excess = residual_excess(noisy, values)
-    scatter = assemble_blocks(score_blocks(noisy, weights), len(values))
+    scatter = summed_blocks(score_blocks(noisy, weights), numbers)
     noise = system.motion.density * max(excess, 1.0)
-    covariance = noise * _covariance(normal, scatter, free, system)
-    biased, _ = normal_equations(patches, weights, len(lower), bias=1.0)
+    covariance = noise * _covariance(normal, scatter, free, system.parameters)
+    biased, _ = normal_equations(patches, weights, numbers, bias=1.0)
     return WeakFit(values, covariance, free, excess, _significances(normal, biased, free, system.windows))
 
 
@@ -334,61 +315,44 @@ def residual_power(patch: Patch, values: Floats) -> Floats:
 
 
 def normal_equations(
-    patches: Sequence[Patch], weights: Sequence[Floats], count: int, *, bias: float = 0.0
-) -> tuple[Floats | csc_array, Floats]:
-    """Normal equations H c = g of least squares over all masses: H (p, p), dense or sparse, and g (p,).
+    patches: Sequence[Patch], weights: Sequence[Floats], numbers: Indices, *, bias: float = 0.0
+) -> tuple[Floats, Floats]:
+    """Normal equations H c = g of least squares over all masses, of the parameters `numbers` (s,): H (s, s) and g (s,).
 
     The masses of each patch have `weights` (m,). The share `bias` of the noise bias is left in: with 1, H is never indefinite
     but the values are biased towards zero.
     """
-    blocks, g = normal_blocks(patches, weights, count, bias=bias)
-    return assemble_blocks(blocks, count), g
-
-
-def normal_blocks(
-    patches: Sequence[Patch], weights: Sequence[Floats], count: int, *, bias: float = 0.0
-) -> tuple[list[tuple[Indices, Floats]], Floats]:
-    """The `normal_equations` in blocks, one for each patch: indices (s,) and values (s, s) of those of H, and g (p,)."""
-    g = np.zeros(count)
-    blocks = []
+    g, blocks = np.zeros(np.max(numbers, initial=-1) + 1), []
     for patch, weight in zip(patches, weights, strict=True):
         moments = patch.moments if bias == 0.0 else (1.0 - bias) * patch.moments + bias * patch.products
         weighted = moments * ((patch.layout.signs.T * weight) @ patch.layout.signs)
         free_rows, which = weighted[patch.layout.free_terms], patch.layout.free_parameters
-        g -= np.bincount(which, free_rows @ patch.fixed, count)
+        g -= np.bincount(which, free_rows @ patch.fixed, len(g))
         blocks.append((which, free_rows[:, patch.layout.free_terms]))
-    return blocks, g
+    return summed_blocks(blocks, numbers), g[numbers]
 
 
-def assemble_blocks(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Floats | csc_array:
-    """Sum of square blocks at their positions in a matrix (count, count), sparse above 300 rows.
+def summed_blocks(blocks: Iterable[tuple[Indices, Floats]], numbers: Indices) -> Floats:
+    """(s, s) sum of square blocks between the parameters `numbers` (s,), in their order; others have none.
 
-    A block has indices (s,), of which some may be repeated, and values (s, s).
+    A block has the numbers of its parameters, of which some may be repeated, and values.
     """
-    parts = [((count * which[:, None] + which).ravel(), block.ravel()) for which, block in blocks]
-    positions, data = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if count <= _DENSE:
-        return np.bincount(positions, data, count * count).reshape(count, count)
-    return csc_array((data, divmod(positions, count)), shape=(count, count))
-
-
-def dense_blocks(blocks: Iterable[tuple[Indices, Floats]], numbers: Indices) -> Floats:
-    """(s, s) sum of square blocks between the coefficients `numbers` (s,), in their order; others have none."""
-    order = np.argsort(numbers)
+    order, count = np.argsort(numbers), len(numbers)
     places = ((order[np.searchsorted(numbers, which, sorter=order)], block) for which, block in blocks)
-    matrix = assemble_blocks(places, len(numbers))
-    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+    parts = [((count * place[:, None] + place).ravel(), block.ravel()) for place, block in places]
+    positions, data = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return np.asarray(np.bincount(positions, data, count * count), dtype=float).reshape(count, count)
 
 
 def _solve_bounded(
-    h: Floats | csc_array, g: Floats, lower: Floats, upper: Floats, names: tuple[str, ...]
+    h: Floats, g: Floats, lower: Floats, upper: Floats, names: tuple[str, ...]
 ) -> tuple[Floats, Bools]:
     """The minimum within bounds: a parameter that leaves them is held at its bound and the others are solved again."""
     free = np.ones(len(g), dtype=bool)
     values = np.zeros(len(g))
     while free.any():
-        rest = g[free] - (0.0 if free.all() else h[free][:, ~free] @ values[~free])
-        values[free] = solver(_part(h, free), compress(names, free))(rest)
+        rest = g[free] - h[np.ix_(free, ~free)] @ values[~free]
+        values[free] = solver(h[np.ix_(free, free)], compress(names, free))(rest)
         outside = free & ((values < lower) | (values > upper))
         if not outside.any():
             break
@@ -397,11 +361,7 @@ def _solve_bounded(
     return values, free
 
 
-def _part(h: Floats | csc_array, free: Bools) -> Floats | csc_array:
-    return h if free.all() else h[free][:, free]
-
-
-def solver(h: Floats | csc_array, every: Iterable[str]) -> Callable[[Floats], Floats]:
+def solver(h: Floats, every: Iterable[str]) -> Callable[[Floats], Floats]:
     """A function that multiplies by h^-1, equilibrated.
 
     Raises IdentificationError, naming collinear parameters, where h is not positive definite.
@@ -417,19 +377,12 @@ def solver(h: Floats | csc_array, every: Iterable[str]) -> Callable[[Floats], Fl
     if np.any(diagonal <= 0.0):
         _raise_not_identifiable(list(compress(names, diagonal <= 0.0)))
     scale = 1.0 / np.sqrt(diagonal)
-    if isinstance(h, np.ndarray):
-        scaled = h * np.outer(scale, scale)
-        factor, failed = dpotrf(scaled)
-        if failed or not np.min(factor.diagonal()) ** 2 >= SINGULAR:
-            weight = np.abs(np.linalg.eigh(scaled)[1][:, 0])  # of the smallest eigenvalue
-            _raise_not_identifiable(list(compress(names, weight > 0.2 * weight.max())))
-        return lambda right: np.asarray((dpotrs(factor, (right.T * scale).T)[0].T * scale).T)
-    scaled = csc_array(h.multiply(scale[:, None]).multiply(scale[None, :]))
-    sparse = scipy.sparse.linalg.splu(scaled)
-    pivots = np.abs(sparse.U.diagonal())
-    if pivots.min() < SINGULAR:
-        _raise_not_identifiable([names[int(np.flatnonzero(sparse.perm_c == np.argmin(pivots))[0])]])
-    return lambda right: np.asarray(sparse.solve(right * scale) * scale)
+    scaled = h * np.outer(scale, scale)
+    factor, failed = dpotrf(scaled)
+    if failed or not np.min(factor.diagonal()) ** 2 >= SINGULAR:
+        weight = np.abs(np.linalg.eigh(scaled)[1][:, 0])  # of the smallest eigenvalue
+        _raise_not_identifiable(list(compress(names, weight > 0.2 * weight.max())))
+    return lambda right: np.asarray((dpotrs(factor, (right.T * scale).T)[0].T * scale).T)
 
 
 def _raise_not_identifiable(names: list[str]) -> NoReturn:
@@ -445,24 +398,14 @@ def _raise_not_identifiable(names: list[str]) -> NoReturn:
     )
 
 
-def _covariance(
-    normal: Floats | csc_array, scatter: Floats | csc_array, free: Bools, system: WeakEquations
-) -> Floats | csc_array:
-    """H^-1 J H^-1 for the free parameters; for large structures only between parameters of one link."""
-    count, indices = len(free), np.flatnonzero(free)
-    inner, middle = _part(normal, free), _part(scatter, free)
-    if isinstance(inner, np.ndarray):
-        covariance = np.zeros((count, count))
-        if len(indices):
-            solve = solver(inner, compress(system.parameters, free))
-            covariance[np.ix_(indices, indices)] = solve(solve(middle).T)
-        return 0.5 * (covariance + covariance.T)
-    if not len(indices):
-        return csc_array((count, count))
-    position = np.cumsum(free) - 1
-    rows, columns = _within_links(system.structure_layout, free)
-    data = sandwich(inner, middle, position[rows], position[columns])
-    return csc_array((data, (rows, columns)), shape=(count, count))
+def _covariance(normal: Floats, scatter: Floats, free: Bools, names: Sequence[str]) -> Floats:
+    """H^-1 J H^-1 for the free parameters, 0 for the others."""
+    covariance = np.zeros(normal.shape)
+    if free.any():
+        inner = np.ix_(free, free)
+        solve = solver(normal[inner], compress(names, free))
+        covariance[inner] = solve(solve(scatter[inner]).T)
+    return 0.5 * (covariance + covariance.T)
 
 
 def significance(information: Floats, bias: Floats, windows: int) -> Floats:
@@ -475,46 +418,23 @@ def significance(information: Floats, bias: Floats, windows: int) -> Floats:
     return np.asarray(information / np.sqrt(np.maximum(variance, np.finfo(float).tiny)))
 
 
-def _significances(
-    normal: Floats | csc_array, biased: Floats | csc_array, free: Bools, windows: int
-) -> Floats:
-    """(p,) `significance` of each parameter while the others follow it, infinite where not computed."""
-    ratios = np.full(len(free), np.inf)
-    if isinstance(normal, np.ndarray) and isinstance(biased, np.ndarray) and free.any():
-        inner, added = _part(normal, free), _part(biased - normal, free)
-        scale = 1.0 / np.sqrt(inner.diagonal())
-        inverse = np.linalg.inv(inner * np.outer(scale, scale))
-        directions = inverse / inverse.diagonal()
-        bias = np.einsum("ip,ij,jp->p", directions, added * np.outer(scale, scale), directions)
-        ratios[free] = significance(1.0 / inverse.diagonal(), bias, windows)
+def _significances(normal: Floats, biased: Floats, free: Bools, windows: int) -> Floats:
+    """(p,) `significance` of each parameter while the others follow it, infinite for those at a bound."""
+    ratios, block = np.full(len(free), np.inf), np.ix_(free, free)
+    inner, added = normal[block], (biased - normal)[block]
+    scale = 1.0 / np.sqrt(inner.diagonal())
+    inverse = np.asarray(np.linalg.inv(inner * np.outer(scale, scale)), dtype=float)
+    directions = inverse / inverse.diagonal()
+    bias = np.einsum("ip,ip->p", directions, (added * np.outer(scale, scale)) @ directions)
+    ratios[free] = significance(1.0 / inverse.diagonal(), bias, windows)
     return ratios
 
 
-def _within_links(structure_layout: StructureLayout, free: Bools) -> tuple[Indices, Indices]:
-    """Pairs of free parameters of one link, or twice the same one."""
-    members: dict[int, list[int]] = {}
-    for (index, _), number in structure_layout.parameter_index.items():
-        if free[number]:
-            members.setdefault(index, []).append(number)
-    pairs = sorted({(row, column) for numbers in members.values() for row in numbers for column in numbers})
-    rows, columns = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-    return rows, columns
-
-
 def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit, tuple[str, ...]]:
-    """The fit with Gaussian priors of its parameters, and the names of those that the record contradicts.
-
-    Raises IdentificationError for a structure so large
-    that the regression gives no covariance of all its parameters.
-    """
+    """The fit with Gaussian priors of its parameters, and the names of those that the record contradicts."""
     known = np.flatnonzero([p.sigma < np.inf and free for p, free in zip(parameters, fit.free, strict=True)])
     if not known.size:
         return fit, ()
-    if not isinstance(fit.covariance, np.ndarray):
-        raise IdentificationError(
-            f"the weak form takes what is known beforehand of up to some hundred unknowns, not of {len(parameters)}: "
-            'use method "ml", or state numbers'
-        )
     covariance = fit.covariance
     stated = [(p.start or 0.0, p.sigma, p.lower, p.upper) for p in parameters]
     mean, deviation, lower, upper = np.array(stated).T

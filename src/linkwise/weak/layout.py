@@ -20,7 +20,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import StructureError
 from linkwise.expression import (
     Expression,
@@ -32,6 +32,7 @@ from linkwise.expression import (
     symbols,
     to_text,
 )
+from linkwise.model.coefficient import MASS
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure, Weights
@@ -153,35 +154,20 @@ class StructureLayout:
         return self.structure.size + len(self.structure.topology.states)
 
     @cached_property
-    def elements_at(self) -> tuple[tuple[int, ...], ...]:
-        """The elements that act in each equation."""
-        elements: list[list[int]] = [[] for _ in range(self.equations)]
-        for number, element in enumerate(self.elements):
-            for node, _ in element.action:
-                elements[node].append(number)
-        return tuple(map(tuple, elements))
+    def has_parameters(self) -> Bools:
+        """(n + S,) whether the equation of a node has a parameter."""
+        known = self.parameter_index
+        unknown = [any((one.link, name) in known for name in one.law.coefficients) for one in self.elements]
+        weighed = [(-1 - node, MASS) in known for node in range(self.equations)]
+        return np.logical_or(self.action[:, unknown].any(axis=1), weighed)
 
     @cached_property
-    def masses_with_parameters(self) -> frozenset[int]:
-        """Nodes whose equation has a parameter."""
-        unknown = {
-            number
-            for number, element in enumerate(self.elements)
-            if any((element.link, name) in self.parameter_index for name in element.law.coefficients)
-        }
-        weighed = {node for node in range(self.equations) if (-1 - node, "mass") in self.parameter_index}
-        return self._nodes_with(unknown) | weighed
-
-    @cached_property
-    def masses_needing_rate(self) -> frozenset[int]:
-        """Nodes whose equation has a law that needs a smoothed v."""
-        groups = self.groups(range(len(self.elements)))
-        rated = {number for group in groups if group.weak_law.needs_rate for number in group.links.tolist()}
-        return self._nodes_with(rated)
-
-    def _nodes_with(self, elements: set[int]) -> frozenset[int]:
-        """Nodes in whose equation one of some elements acts."""
-        return frozenset(node for node, own in enumerate(self.elements_at) if not elements.isdisjoint(own))
+    def needs_rate(self) -> Bools:
+        """(n + S,) whether the equation of a node has a law that needs a smoothed v."""
+        rated = np.zeros(len(self.elements), dtype=bool)
+        for group in self.groups(range(len(self.elements))):
+            rated[group.links] = group.weak_law.needs_rate
+        return np.asarray(self.action[:, rated].any(axis=1))
 
     @cached_property
     def nonlinear(self) -> frozenset[int]:
@@ -195,40 +181,37 @@ class StructureLayout:
         return np.array([given.get(parameter.name, parameter.start) for parameter in parameters], dtype=float)
 
     @cached_property
-    def neighbourhoods(self) -> tuple[frozenset[int], ...]:
-        """For each node with an equation, itself and the nodes that the elements in it read."""
-        return tuple(
-            frozenset((own, *(node for number in numbers for node, _ in self.elements[number].reading)))
-            for own, numbers in enumerate(self.elements_at)
-        )
+    def neighbourhoods(self) -> Bools:
+        """(n + S, n + S + 2) for each node with an equation, itself and the nodes that the elements in it read."""
+        read = np.abs(self.action) @ np.abs(self.reading)
+        return np.asarray(read + np.eye(*read.shape) > 0.0)
 
     @cached_property
-    def _reading_entries(self) -> tuple[Indices, Indices, Floats]:
-        """(e,) elements, nodes and weights of what they read."""
-        parts = [(row, *entry) for row, element in enumerate(self.elements) for entry in element.reading]
-        elements, nodes, weights = zip(*parts, strict=True)
-        return np.array(elements), np.array(nodes), np.array(weights)
+    def reading(self) -> Floats:
+        """(E, n + S + 2) weights of the nodes, the base and the ground in what elements read."""
+        reading = np.zeros((len(self.elements), self.equations + 2))
+        for row, element in zip(reading, self.elements, strict=True):
+            for node, weight in element.reading:
+                row[node] = weight
+        return reading
+
+    @cached_property
+    def action(self) -> Floats:
+        """(n + S, E) how elements act in the equations."""
+        action = np.zeros((self.equations, len(self.elements)))
+        for column, element in zip(action.T, self.elements, strict=True):
+            for node, weight in element.action:
+                column[node] = weight
+        return action
 
     def elongation_variance(self, motion: MeasuredDisplacements, *, floored: bool = False) -> Floats:
         """(E,) variances in m^2 of the noise in what elements read, if `floored` at least those of quadrature errors."""
         variance = motion.floored_variance if floored else motion.source_variance
-        elements, nodes, weights = self._reading_entries
-        if motion.source_weights is None:
-            weighted = weights**2 * variance[nodes]
-            return np.asarray(np.bincount(elements, weighted, len(self.elements)), dtype=float)
-        of_nodes = np.zeros((len(self.elements), len(motion.source_weights)))
-        of_nodes[elements, nodes] = weights
-        return np.asarray((of_nodes @ motion.source_weights) ** 2 @ variance)
+        return np.asarray((self.reading @ motion.source_weights) ** 2 @ variance)
 
-    def elongations(self, displacements: Floats, elements: Iterable[int]) -> Floats:
+    def elongations(self, displacements: Floats, elements: Sequence[int] | Indices) -> Floats:
         """(m, N) what m elements read, elongations or states, from displacements (k, N) of nodes or what is linear in them."""
-        chosen = [self.elements[number].reading for number in elements]
-        result = np.empty((len(chosen), displacements.shape[1]))
-        for row, ((first, of_first), *others) in zip(result, chosen, strict=True):
-            np.multiply(displacements[first], of_first, out=row)
-            for node, weight in others:
-                row += weight * displacements[node]
-        return result
+        return np.asarray(self.reading[elements] @ displacements)
 
     def groups(self, elements: Sequence[int] | Indices) -> Iterator[WeakLawGroup]:
         """The elements of these numbers, grouped by law."""
@@ -253,7 +236,7 @@ class StructureLayout:
         return self._layouts[key]
 
     def _layout(self, masses: Indices, forced: tuple[int, ...]) -> PatchLayout:
-        links = np.unique([number for mass in masses for number in self.elements_at[mass]])
+        links = np.flatnonzero(self.action[masses].any(axis=0))
         groups = tuple(self.groups(links))
         parts, numbers, chosen, stop = [], [], [], 0
         for group in groups:
@@ -262,10 +245,13 @@ class StructureLayout:
                 parts.append((part, slice(start, stop)))
                 numbers.append(_multipliers(group, part))
                 chosen.append(group.links)
-        inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
+        inertia = self._numbers((-1 - mass, MASS) for mass in masses.tolist())
         forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
         sizes = [*map(len, chosen), len(masses), len(forced)]
-        nodes, reading, acting = self._incidence(np.concatenate([*chosen, links]).tolist(), masses)
+        numbered = np.concatenate([*chosen, links])
+        # of elements and masses; what the former read of them, and how these act on the masses
+        nodes = np.union1d(masses, np.flatnonzero(self.reading[numbered].any(axis=0)))
+        reading, acting = self.reading[np.ix_(numbered, nodes)], self.action[np.ix_(masses, numbered)]
         # whose equation a term is in
         own = np.concatenate([masses, np.array(forced, dtype=int)])
         displaced = (own[:, None] == nodes).astype(float)
@@ -286,21 +272,6 @@ class StructureLayout:
             readings=reading[stop:],
             link_incidence=acting[:, stop:],
         )
-
-    def _incidence(self, numbers: Sequence[int], masses: Indices) -> tuple[Indices, Floats, Floats]:
-        """The nodes (c,) of elements and masses, what the elements read of them (q, c), and how they act on masses (m, q)."""
-        chosen = [self.elements[number] for number in numbers]
-        nodes = np.unique([*masses.tolist(), *(node for element in chosen for node, _ in element.reading)])
-        column = {node: place for place, node in enumerate(nodes.tolist())}
-        row = {mass: place for place, mass in enumerate(masses.tolist())}
-        reading, acting = np.zeros((len(chosen), len(nodes))), np.zeros((len(masses), len(chosen)))
-        for place, element in enumerate(chosen):
-            for node, weight in element.reading:
-                reading[place, column[node]] = weight
-            for node, weight in element.action:
-                if node in row:
-                    acting[row[node], place] = weight
-        return nodes, reading, acting
 
     def _numbers(self, where: Iterable[tuple[int, str]]) -> TermCoefficients:
         """The coefficients of these slots: numbers of parameters, or known values."""

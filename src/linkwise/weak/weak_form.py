@@ -393,13 +393,11 @@ class PatchLayout:
         kernels = self.kernel[self.free_terms]
         return tuple(self.free_terms[kernels == kernel] for kernel in (PHI, PHI_1, PHI_2))
 
-    def noise_paths(self, weights: Floats | None) -> NoisePaths:
-        """The paths of noise of nodes, or of channels with these weights (n + 2, C) in the displacements of nodes."""
+    def noise_paths(self, weights: Floats) -> NoisePaths:
+        """The paths of noise of channels with these weights (n + 2, C) in the displacements of nodes."""
         inertia = (self.nodes == self.masses[:, None]).astype(float)
         passed = self.link_incidence[:, None] * self.readings.T
-        present, sources = (inertia != 0.0) | passed.any(axis=2), self.nodes
-        if weights is not None:
-            own, sources = weights[self.nodes], np.arange(weights.shape[1])
-            inertia, passed, present = inertia @ own, own.T @ passed, present @ (own != 0.0)
-        equation, column = np.nonzero(present)
-        return NoisePaths(equation, sources[column], inertia[present], passed[present])
+        own = weights[self.nodes]
+        present = ((inertia != 0.0) | passed.any(axis=2)) @ (own != 0.0)
+        equation, source = np.nonzero(present)
+        return NoisePaths(equation, source, (inertia @ own)[present], (own.T @ passed)[present])

@@ -108,7 +108,7 @@ def _likeliest_first(
     Windows at an end that a shift leaves open count neither before it nor behind it.
     """
     number, neighbourhoods = structure.topology.index[channel.place], stated.structure_layout.neighbourhoods
-    only = [mass for mass, near in enumerate(neighbourhoods) if number in near] if number >= 0 else None
+    only = np.flatnonzero(neighbourhoods[:, number]).tolist() if number >= 0 else None
     residual = weak_residual(stated, np.zeros(0))
     scale = np.sqrt(np.nanmedian(residual**2, axis=0) / _MEDIAN)
     overlap = max(1.0, 0.5 * stated.window.length / stated.window.stride)

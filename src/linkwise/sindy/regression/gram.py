@@ -280,21 +280,21 @@ class Gram:
             np.maximum(self.sums.squares - held_out.squares, 0.0),
             np.sqrt(np.maximum(self.norms**2 - held_out.norms**2, 0.0)),
         )
-        factor = cholesky(matrix)
-        change = np.asarray(cho_solve(factor or _ridged(matrix), rows.slope))
+        change = np.asarray(cho_solve(_ridged(matrix), rows.slope))
         return replace(
             self,
             sums=rows.shifted(change),
             moments=rows.slope + dsymm(1.0, matrix, self.anchor, lower=1),
             anchor=self.anchor + change,
-            factor=factor,
+            factor=None,
             held_out=held_out.shifted(change),
         )
 
     def solution(self, target: int) -> Solution:
         """Least squares of one target on all columns that are not zero throughout."""
         nothing, columns = np.zeros(0, dtype=np.intp), len(self.names)
-        # not of dependent columns, nor of a restricted matrix, which no other target shares
+        # not of dependent columns, nor of a restricted matrix, which no other target shares, nor of rows of training, of
+        # which a path drops more and more columns
         eliminated = _Eliminated(nothing, np.empty((0, columns)), np.empty((0, 0))) if self.factor else None
         return Solution(self, target, self.alive, np.zeros(columns), eliminated)
 
