@@ -57,13 +57,13 @@ def raises(function: Callable[..., object]) -> bool:
 
 def lacking(function: Callable[..., object], *, example: bool) -> list[str]:
     """What the docstring of a function lacks."""
-    function = inspect.unwrap(function)
+    public, function = inspect.signature(function), inspect.unwrap(function)
     documented = sections(function)
     if not any(documented[""]):
         return ["summary"]
     named = described(documented, "Parameters")
-    parameters = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
-    gives = function.__annotations__["return"] not in (None, "None")
+    parameters = [name for name in public.parameters if name not in ("self", "cls")]
+    gives = public.return_annotation not in (None, "None")
     return [
         *(f"parameter {name}" for name in parameters if name not in named),
         *(f"type of {entry}" for entry in untyped(documented)),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -21,6 +20,7 @@ import linkwise as lw
 from linkwise.cli.options import FOLDER, STRUCTURE, Decorator, gathered
 from linkwise.display import shortened
 from linkwise.errors import OutputError
+from linkwise.model.structure_file import structure_tables
 from linkwise.output import check_result_folder, to_json
 from linkwise.progress import Progress, silent
 from linkwise.registry import lazy_module
@@ -147,11 +147,10 @@ def deliver_structure(
     """Write a structure to a file, or print it; as JSON, with what is `further` known of it."""
     if file is not None:
         lw.write_structure(written, file)
-    text = lw.model.format_structure(written)
     if as_json:
-        click.echo(to_json({**tomllib.loads(text), **further}))
+        click.echo(to_json({**structure_tables(written), **further}))
     elif file is None:
-        click.echo(text.rstrip())
+        click.echo(lw.model.format_structure(written).rstrip())
 
 
 def _keep(result: object, folder: Path, truth: Structure | None, *, whole: bool) -> None:

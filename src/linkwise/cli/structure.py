@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ import linkwise as lw
 from linkwise.cli.console import deliver_structure, note
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE, STRUCTURE, grouped, typed
+from linkwise.model.structure_file import structure_tables
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
 from linkwise.templates import filled
@@ -118,8 +118,7 @@ def show(file: Path, options: ShownOptions) -> None:
         except lw.StructureError as error:  # as where the force of a link vanishes without end
             why = str(error)
     if options.as_json:
-        text = to_json({**tomllib.loads(lw.model.format_structure(subject)), "equilibria": rests})
-        click.echo(text)
+        click.echo(to_json({**structure_tables(subject), "equilibria": rests}))
         return
     written = {"subject": subject, "stem": file.stem, "rests": rests, "why": why}
     click.echo(filled("cli", "structure.txt.jinja", shown=_shown, **written).rstrip())

@@ -19,7 +19,7 @@ functions of the table.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import final
@@ -341,22 +341,25 @@ def symbols(expression: Expression) -> tuple[str, ...]:
     return tuple(dict.fromkeys(node.name for node in walk(expression) if isinstance(node, Symbol)))
 
 
+def rebuilt(node: Expression, below: Sequence[Expression]) -> Expression:
+    """The node over other children, in canonical form."""
+    match node:
+        case Sum():
+            return add(*below)
+        case Product():
+            return multiply(*below)
+        case Power(_, exponent):
+            return power(below[0], below[1] if len(below) > 1 else exponent)
+        case Call(function, _):
+            return call(function, *below)
+    return node
+
+
 def substitute(expression: Expression, replacements: Mapping[str, Expression]) -> Expression:
     """The tree with symbols replaced, in canonical form again."""
-    match expression:
-        case Symbol(name):
-            return replacements.get(name, expression)
-        case Sum(parts):
-            return add(*(substitute(part, replacements) for part in parts))
-        case Product(factors):
-            return multiply(*(substitute(factor, replacements) for factor in factors))
-        case Power(base, exponent):
-            if isinstance(exponent, Expression):
-                exponent = substitute(exponent, replacements)
-            return power(substitute(base, replacements), exponent)
-        case Call(function, arguments):
-            return call(function, *(substitute(argument, replacements) for argument in arguments))
-    return expression
+    if isinstance(expression, Symbol):
+        return replacements.get(expression.name, expression)
+    return rebuilt(expression, [substitute(below, replacements) for below in children(expression)])
 
 
 _MAY_BE_COMPLEX = ("sqrt", "log")

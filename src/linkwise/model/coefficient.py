@@ -254,6 +254,17 @@ class Coefficient:
         parts += [f"{name}={value!r}" for name, value in stated if math.isfinite(value)]
         return f"Coefficient.unknown({', '.join(parts)})"
 
+    @property
+    def plain(self) -> float | str | dict[str, float]:
+        """What a structure file states: a number, "=NAME" of another one, "unknown", or a table of what is known."""
+        if self.same_as is not None:
+            return f"={self.same_as}"
+        if self.known and self.value is not None:
+            return self.value
+        stated = {"start": self.value, "lower": self.lower, "upper": self.upper, "sigma": self.sigma}
+        table = {key: own for key, own in stated.items() if own is not None and math.isfinite(own)}
+        return table or "unknown"
+
     def freed(self) -> Coefficient:
         """This coefficient as an unknown without value, start or prior; bounds and sharing are kept.
 

@@ -314,13 +314,10 @@ class Link:
         return _full(self.law.potential(d, self.values), d, 0.0)
 
 
-def _shown(coefficient: Coefficient) -> Coefficient | float | str | None:
+def _shown(coefficient: Coefficient) -> Coefficient | float | str:
     """The shortest of what a coefficient is made from."""
-    if coefficient.same_as is not None:
-        return f"={coefficient.same_as}"
-    if coefficient.known:
-        return coefficient.value
-    return "unknown" if coefficient == Coefficient.unknown() else coefficient
+    plain = coefficient.plain
+    return coefficient if isinstance(plain, dict) else plain
 
 
 def _full(values: ArrayLike, d: ArrayLike, v: ArrayLike) -> Floats:

@@ -29,7 +29,6 @@ from linkwise.expression import (
     Call,
     Expression,
     Number,
-    Power,
     Product,
     Program,
     Sum,
@@ -41,6 +40,7 @@ from linkwise.expression import (
     power,
     symbols,
 )
+from linkwise.expression.tree import children, rebuilt
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.law import Law, LinkState
 from linkwise.model.link import Link
@@ -325,18 +325,14 @@ def _replaced(
 ) -> Expression:
     """The tree with every jump of a slider replaced."""
     match tree:
-        case Sum(parts):
-            return add(*(_replaced(part, moving, corner) for part in parts))
         case Product((factor, Sum((Call("sign", (beyond,)), unit)), Sum((Call("sign", _), _)) as way)) if (
             factor == _HALVES and unit == _ONE
         ):
             largest = _largest(beyond, moving)
             return tree if largest is None else corner(beyond, largest, way)
-        case Product(factors):
-            return multiply(*(_replaced(factor, moving, corner) for factor in factors))
-        case Power(base, exponent):
-            return power(_replaced(base, moving, corner), exponent)
-    return tree
+        case Call():
+            return tree
+    return rebuilt(tree, [_replaced(below, moving, corner) for below in children(tree)])
 
 
 def _largest(beyond: Expression, moving: frozenset[str]) -> Expression | None:

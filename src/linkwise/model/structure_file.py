@@ -12,7 +12,6 @@ unit of a state ("43 nF" that of a voltage), they are read first.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -139,9 +138,6 @@ def _law(
     """The law of a text, parsed once for all links that have it."""
     law = Law.parse(text, dict(states), signals=dict(signals))
     return replace(law, angular=True) if angular else law
-
-
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class MassTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -395,46 +391,65 @@ def format_structure(structure: Structure) -> str:
     >>> print(lw.model.format_structure(lw.bnes_chain(2)).splitlines()[0])
     name = "bistable chain of 2 masses"
     """
-    signals = ", ".join(f"{name} = {toml_text(unit)}" for name, unit in structure.signals.items())
-    blocks = [f"name = {toml_text(structure.name)}\n" + (f"signals = {{ {signals} }}\n" if signals else "")]
-    blocks += [_host_text(host, structure) for host in structure.hosts]
-    for mass in structure.masses:
-        if mass.name in structure.modes:
-            continue
-        unit = f"unit = {toml_text(mass.unit)}\n" if mass.unit != LENGTH else ""
-        value = _coefficient_text(mass.mass)
-        blocks.append(f"[[mass]]\nname = {toml_text(mass.name)}\n{unit}mass = {value}\n")
-    for link in structure.links:
-        if link.name in structure.modes:
-            continue
-        pairs = _pairs_text(link.coefficients)
-        ends = ", ".join(toml_text(end) for end in link.between)
-        blocks.append(
-            f"[[link]]\nname = {toml_text(link.name)}\nbetween = [{ends}]\n"
-            f"law = {toml_text(link.law.text)}\n{_states_text(link)}coefficients = {{ {pairs} }}\n"
-        )
-    return "\n".join(blocks)
+    parts = structure_tables(structure).items()
+    blocks = [_lines({name: part for name, part in parts if not isinstance(part, list)})]
+    listed = ((kind, tables) for kind, tables in parts if isinstance(tables, list))
+    return "\n".join(
+        [*blocks, *(f"[[{kind}]]\n{_lines(table)}" for kind, tables in listed for table in tables)]
+    )
 
 
-def _host_text(host: Host, structure: Structure) -> str:
-    """The table of a host, with the frequencies and damping that the structure has now."""
-    host = host.as_in(structure.link)
+def structure_tables(structure: Structure) -> dict[str, Any]:
+    """The tables of the file of a structure as plain data."""
+    of_modes = structure.modes
+    return _stated(
+        name=structure.name,
+        signals=structure.signals,
+        host=[_host_table(host.as_in(structure.link)) for host in structure.hosts],
+        mass=[_mass_table(mass) for mass in structure.masses if mass.name not in of_modes],
+        link=[_link_table(link) for link in structure.links if link.name not in of_modes],
+    )
+
+
+def _stated(**entries: Any) -> dict[str, Any]:
+    """The entries of a table that say something."""
+    return {key: value for key, value in entries.items() if value not in (None, {}, [])}
+
+
+def _mass_table(mass: Mass) -> dict[str, Any]:
+    return _stated(name=mass.name, unit=None if mass.unit == LENGTH else mass.unit, mass=mass.mass.plain)
+
+
+def _host_table(host: Host) -> dict[str, Any]:
     modes = []
     for mode in host.modes:
-        shape = _pairs_text({point: mode.shape_value(point) for point in mode.shape})
-        modes.append(
-            f"    {{ frequency = {_coefficient_text(mode.frequency)}, damping = {_coefficient_text(mode.damping)}, "
-            f"shape = {{ {shape} }} }},\n"
-        )
-    damping = "".join(
-        f"    {{ modes = [{first}, {second}], damping = {_coefficient_text(entry)} }},\n"
-        for (first, second), entry in host.entries.items()
-    )
-    between = f"damping = [\n{damping}]\n" if damping else ""
+        shape = {point: mode.shape_value(point).plain for point in mode.shape}
+        modes.append({"frequency": mode.frequency.plain, "damping": mode.damping.plain, "shape": shape})
+    damping = [{"modes": [*pair], "damping": entry.plain} for pair, entry in host.entries.items()]
     turning = [point for point in host.modes[0].shape if point in host.modes[0].rotations]
-    rotations = ", ".join(f'{_key(point)} = "rad"' for point in turning)
-    between += f"units = {{ {rotations} }}\n" if rotations else ""
-    return f"[[host]]\nname = {toml_text(host.name)}\n{between}modes = [\n{''.join(modes)}]\n"
+    return _stated(name=host.name, damping=damping, units=dict.fromkeys(turning, ANGLE), modes=modes)
+
+
+def _link_table(link: Link) -> dict[str, Any]:
+    states = {}
+    for name, state in link.states.items():
+        initial = "unknown" if state.initial is None else state.initial or None
+        table = _stated(rate=state.rate, initial=initial, unit=state.unit or None)
+        states[name] = table if len(table) > 1 else state.rate
+    coefficients = {name: coefficient.plain for name, coefficient in link.coefficients.items()}
+    parts = _stated(name=link.name, between=[*link.between], law=link.law.text, states=states)
+    return parts | {"coefficients": coefficients}
+
+
+def _lines(table: Mapping[str, Any]) -> str:
+    """The lines of a table, a list of tables over several."""
+    lines = []
+    for name, value in table.items():
+        if isinstance(value, list) and isinstance(value[0], dict):
+            lines += [f"{name} = [", *(f"    {toml_text(row)}," for row in value), "]"]
+        else:
+            lines.append(f"{name} = {toml_text(value)}")
+    return "\n".join([*lines, ""])
 
 
 def mass_of(entry: MassTable, index: int, source: str) -> Mass:
@@ -445,41 +460,3 @@ def mass_of(entry: MassTable, index: int, source: str) -> Mass:
     coefficient = coefficient_of(entry.mass, MASS_UNITS.get(unit, "?"), source, f"{path}.mass")
     with located(where):
         return Mass(entry.name, coefficient, unit)
-
-
-def _states_text(link: Link) -> str:
-    """The line of the states of a link; empty without memory."""
-    entries = []
-    for name, state in link.states.items():
-        fields = [f"rate = {toml_text(state.rate)}"]
-        if state.initial != 0.0:
-            initial = toml_text("unknown") if state.initial is None else repr(state.initial)
-            fields.append(f"initial = {initial}")
-        if state.unit:
-            fields.append(f"unit = {toml_text(state.unit)}")
-        text = toml_text(state.rate) if len(fields) == 1 else f"{{ {', '.join(fields)} }}"
-        entries.append(f"{_key(name)} = {text}")
-    return f"states = {{ {', '.join(entries)} }}\n" if entries else ""
-
-
-def _coefficient_text(coefficient: Coefficient) -> str:
-    if coefficient.same_as is not None:
-        return toml_text(f"={coefficient.same_as}")
-    if coefficient.known:
-        return repr(coefficient.value)
-    values = (coefficient.value, coefficient.lower, coefficient.upper, coefficient.sigma)
-    pairs = [
-        f"{name} = {value!r}"
-        for name, value in zip(("start", "lower", "upper", "sigma"), values, strict=True)
-        if value is not None and math.isfinite(value)
-    ]
-    return f"{{ {', '.join(pairs)} }}" if pairs else '"unknown"'
-
-
-def _pairs_text(coefficients: Mapping[str, Coefficient]) -> str:
-    """The entries of a table of coefficients."""
-    return ", ".join(f"{_key(name)} = {_coefficient_text(value)}" for name, value in coefficients.items())
-
-
-def _key(name: str) -> str:
-    return name if _BARE_KEY.fullmatch(name) else toml_text(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
@@ -43,8 +44,21 @@ def parse_toml(text: str, source: str, error: FileError) -> dict[str, Any]:
         raise error(message, joined(source, position.rstrip(")"))) from None
 
 
-def toml_text(value: str | float) -> str:
-    """A number, or a text as TOML writes it, which for all but DEL is as JSON does."""
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def toml_text(value: Any) -> str:
+    """A number, a text, a list or a table as TOML writes it on one line."""
+    match value:
+        case dict():
+            keys = ((name if _BARE_KEY.fullmatch(name) else toml_text(name)) for name in value)
+            pairs = (f"{key} = {toml_text(own)}" for key, own in zip(keys, value.values(), strict=True))
+            return f"{{ {', '.join(pairs)} }}"
+        case list():
+            return f"[{', '.join(map(toml_text, value))}]"
+        case float():
+            return repr(float(value))
+    # a text as JSON writes it, but for DEL
     return msgspec.json.encode(value, enc_hook=str).decode().replace("\x7f", "\\u007f")
 
 

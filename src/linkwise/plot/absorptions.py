@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import combinations
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,13 +30,14 @@ from linkwise.plot.style import (
     TRUE,
     VISITED,
     WELL,
-    axes_for,
+    On,
     envelope,
     label,
     literal,
     log_scale,
     not_shown,
     over_time,
+    picture,
     pictures,
     place_of,
     scale,
@@ -46,9 +47,8 @@ from linkwise.plot.style import (
 )
 
 
-def absorption(
-    result: Answer, mass: str | None = None, *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture()
+def absorption(axes: Axes, result: Answer, mass: str | None = None, **on: Unpack[On]) -> None:
     """Draw the excursion of a primary mass with sinks and without, each under its envelope, and when it settles.
 
     Parameters
@@ -81,20 +81,18 @@ def absorption(
     """
     plain = without_intervals(result)
     number = place_of("primary mass", mass, [change.name for change in plain.masses])
-    with axes_for(ax, legend=legend) as axes:
-        largest = max(plain.masses[number].with_sinks.peak, plain.masses[number].without.peak)
-        factor, unit = scale(largest, plain.unit(plain.masses[number].name))
-        _draw_excursions(axes, plain, number, factor)
-        if isinstance(result, AbsorptionIntervals):
-            before_tail = _before_tail(plain)
-            ends = (factor * end[before_tail, number] for end in (result.lower, result.upper))
-            style: dict[str, Any] = {"color": WELL, "alpha": 0.35, "lw": 0, "zorder": 3}
-            axes.fill_between(plain.time[before_tail], *ends, label="envelope, 95 % of draws", **style)
-        mark_chaos(axes, plain)
-        over_time(axes, plain.time, f"{literal(plain.masses[number].name)}\n{unit}")
-        axes.set_ylim(-1.08 * largest * factor, 1.08 * largest * factor)
-        wrap_title(axes, _removal_title(plain))
-    return axes
+    largest = max(plain.masses[number].with_sinks.peak, plain.masses[number].without.peak)
+    factor, unit = scale(largest, plain.unit(plain.masses[number].name))
+    _draw_excursions(axes, plain, number, factor)
+    if isinstance(result, AbsorptionIntervals):
+        before_tail = _before_tail(plain)
+        ends = (factor * end[before_tail, number] for end in (result.lower, result.upper))
+        style: dict[str, Any] = {"color": WELL, "alpha": 0.35, "lw": 0, "zorder": 3}
+        axes.fill_between(plain.time[before_tail], *ends, label="envelope, 95 % of draws", **style)
+    mark_chaos(axes, plain)
+    over_time(axes, plain.time, f"{literal(plain.masses[number].name)}\n{unit}")
+    axes.set_ylim(-1.08 * largest * factor, 1.08 * largest * factor)
+    wrap_title(axes, _removal_title(plain))
 
 
 def decay_figure(result: Answer) -> Figure:
@@ -151,9 +149,8 @@ _WIDE = 50.0  # largest over smallest from which colours go by ratio
 _NEVER, _DIVERGED = "#D9D9D9", "#F2B8A0"
 
 
-def map(
-    result: AbsorptionMap, quantity: str = "settled", *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture(width=4.6, height=3.4)
+def map(axes: Axes, result: AbsorptionMap, quantity: str = "settled", **on: Unpack[On]) -> None:
     """Draw a quantity over the swept parameters: colours over two, a curve over one.
 
     Parameters
@@ -189,19 +186,17 @@ def map(
     values = result[quantity]
     shown = next(candidate for candidate in result.quantities if candidate.name == quantity)
     values, unit = (100.0 * values, "%") if shown.is_part else (values, shown.unit)  # parts of 1 in %
-    with axes_for(ax, legend=legend, width=4.6, height=3.4) as axes:
-        if len(result.axes) == 2:
-            _draw_map(axes, result, values, unit)
-        else:
-            _draw_curve(axes, result, values, unit)
-        axes.set_title(literal(shown.title))
-        if np.any(np.isnan(values) & result.completed):
-            text = f"did not settle within {result.duration:g} s"
-            axes.fill([], [], color=_NEVER if len(result.axes) == 2 else MEASURED, label=text)
-        if not result.completed.all():
-            color = _DIVERGED if len(result.axes) == 2 else WELL
-            axes.fill([], [], color=color, label="the motion diverges")
-    return axes
+    if len(result.axes) == 2:
+        _draw_map(axes, result, values, unit)
+    else:
+        _draw_curve(axes, result, values, unit)
+    axes.set_title(literal(shown.title))
+    if np.any(np.isnan(values) & result.completed):
+        text = f"did not settle within {result.duration:g} s"
+        axes.fill([], [], color=_NEVER if len(result.axes) == 2 else MEASURED, label=text)
+    if not result.completed.all():
+        color = _DIVERGED if len(result.axes) == 2 else WELL
+        axes.fill([], [], color=color, label="the motion diverges")
 
 
 def map_figure(result: AbsorptionMap) -> Figure:
@@ -275,9 +270,8 @@ def _edges_between(values: Floats) -> Floats:
 _MOST = 8  # strips that one page can hold
 
 
-def crossings(
-    result: Answer, sink: str | None = None, *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture()
+def crossings(axes: Axes, result: Answer, sink: str | None = None, **on: Unpack[On]) -> None:
     """Draw the elongation of a sink over time, the tops between its wells, and its passages over them.
 
     Parameters
@@ -311,21 +305,19 @@ def crossings(
     plain = without_intervals(result)
     shown = plain.sinks[place_of("sink", sink, [entry.sink.link for entry in plain.sinks])]
     law = plain.with_sinks.structure.link(shown.sink.link).law
-    with axes_for(ax, legend=legend) as axes:
-        factor, unit = scale(shown.elongation, law.motion_units[0])
-        time, elongation = envelope(plain.time, shown.elongation * factor)
-        axes.plot(time, elongation, color=IDENTIFIED, lw=0.7, label="elongation")
-        for top in shown.tops:
-            axes.axhline(top * factor, color=TRUE, lw=0.6, ls=":", label="top between wells")
-        if len(shown.crossings):
-            heights = np.full(len(shown.crossings), 0.97)
-            across = axes.get_xaxis_transform()
-            axes.plot(shown.crossings, heights, "|", color=WELL, ms=7, transform=across, label="crossing")
-        mark_chaos(axes, plain)
-        count = f"{len(shown.crossings)} crossings" if shown.tops else "one well"
-        axes.set_title(literal(f"{shown.sink.link}: {count}"))
-        over_time(axes, plain.time, unit)
-    return axes
+    factor, unit = scale(shown.elongation, law.motion_units[0])
+    time, elongation = envelope(plain.time, shown.elongation * factor)
+    axes.plot(time, elongation, color=IDENTIFIED, lw=0.7, label="elongation")
+    for top in shown.tops:
+        axes.axhline(top * factor, color=TRUE, lw=0.6, ls=":", label="top between wells")
+    if len(shown.crossings):
+        heights = np.full(len(shown.crossings), 0.97)
+        across = axes.get_xaxis_transform()
+        axes.plot(shown.crossings, heights, "|", color=WELL, ms=7, transform=across, label="crossing")
+    mark_chaos(axes, plain)
+    count = f"{len(shown.crossings)} crossings" if shown.tops else "one well"
+    axes.set_title(literal(f"{shown.sink.link}: {count}"))
+    over_time(axes, plain.time, unit)
 
 
 def crossings_figure(result: Answer) -> Figure:
@@ -340,7 +332,8 @@ _PALE = "#EBEBEB"
 _POINTS = 1500  # of a band
 
 
-def energy(result: Answer, *, with_sinks: bool = True, legend: bool = True, ax: Axes | None = None) -> Axes:
+@picture()
+def energy(axes: Axes, result: Answer, *, with_sinks: bool = True, **on: Unpack[On]) -> None:
     """Draw where the energy went: what each link has dissipated and what is still there, over time.
 
     Sinks lie below in colours, the other links above them in greys, what is left on top.
@@ -369,13 +362,11 @@ def energy(result: Answer, *, with_sinks: bool = True, legend: bool = True, ax: 
     'share of the energy put in, %'
     """
     plain = without_intervals(result)
-    with axes_for(ax, legend=legend) as axes:
-        _draw_bands(axes, plain, with_sinks=with_sinks)
-        if with_sinks:
-            mark_chaos(axes, plain, shaded=False)
-        axes.set(title="with sinks" if with_sinks else literal(f"sinks {plain.removal}"), xlabel="time, s")
-        axes.set_ylabel("share of the energy put in, %")
-    return axes
+    _draw_bands(axes, plain, with_sinks=with_sinks)
+    if with_sinks:
+        mark_chaos(axes, plain, shaded=False)
+    axes.set(title="with sinks" if with_sinks else literal(f"sinks {plain.removal}"), xlabel="time, s")
+    axes.set_ylabel("share of the energy put in, %")
 
 
 def energy_figure(result: Answer) -> Figure:
@@ -423,7 +414,8 @@ def _band_colors(result: Absorption) -> dict[str, str]:
 _MOST_PAIRS = 6  # of varied parameters
 
 
-def trade_off(result: Design, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+@picture(width=5.2, height=3.4)
+def trade_off(axes: Axes, result: Design, **on: Unpack[On]) -> None:
     """Draw the mass of the sinks against what was minimised: all designs, and those that no lighter one beats.
 
     Parameters
@@ -453,18 +445,15 @@ def trade_off(result: Design, *, legend: bool = True, ax: Axes | None = None) ->
     values, title = _displayed_values(result)
     mass, best = np.array(result.trade_off).T
     usable = result.allowed & np.isfinite(values)
-    with axes_for(ax, legend=legend, width=5.2, height=3.4) as axes:
-        axes.plot(result.added_mass[usable], values[usable], ".", color=MEASURED, ms=3, label="designs tried")
-        factor, _ = _shown_in(result)
-        axes.step(mass, factor * best, where="post", color=IDENTIFIED, lw=1.0)
-        axes.plot(mass, factor * best, "o", color=IDENTIFIED, ms=4, label="no lighter one is as good")
-        axes.set(xlabel="mass of the sinks, kg", ylabel=literal(title))
-    return axes
+    axes.plot(result.added_mass[usable], values[usable], ".", color=MEASURED, ms=3, label="designs tried")
+    factor, _ = _shown_in(result)
+    axes.step(mass, factor * best, where="post", color=IDENTIFIED, lw=1.0)
+    axes.plot(mass, factor * best, "o", color=IDENTIFIED, ms=4, label="no lighter one is as good")
+    axes.set(xlabel="mass of the sinks, kg", ylabel=literal(title))
 
 
-def designs(
-    result: Design, across: str = "", up: str = "", *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture(width=4.8, height=3.4)
+def designs(axes: Axes, result: Design, across: str = "", up: str = "", **on: Unpack[On]) -> None:
     """Draw the designs that were tried over two of their parameters, coloured by what was minimised.
 
     Parameters
@@ -506,23 +495,21 @@ def designs(
     order = np.argsort(values if result.options.maximise else -values)  # the best on top
     order = order[(result.allowed & np.isfinite(values))[order]]
     x = result.points[:, names.index(across)]
-    with axes_for(ax, legend=legend, width=4.8, height=3.4) as axes:
-        _label_design_axis(axes, result, across, "x")
-        if not up:
-            axes.plot(x[order], values[order], ".", color=IDENTIFIED, ms=4)
-            axes.plot(result.best[across], _shown_in(result)[0] * result.objective, "*", color=WELL, ms=12)
-            axes.set_ylabel(literal(title))
-            return axes
-        y = result.points[:, names.index(up)]
-        # most designs lie near the best, so that ranks tell colours apart where values crowd
-        shares = [10.0, 100.0] if result.options.maximise else [0.0, 90.0]
-        low, high = np.percentile(values[order], shares)
-        cmap = "viridis" if result.options.maximise else "viridis_r"
-        tried = axes.scatter(x[order], y[order], c=values[order], s=10, cmap=cmap, vmin=low, vmax=high)
-        axes.plot(result.best[across], result.best[up], "*", color=WELL, ms=12, label="best")
-        _label_design_axis(axes, result, up, "y")
-        axes.figure.colorbar(tried, ax=axes, label=literal(title))
-    return axes
+    _label_design_axis(axes, result, across, "x")
+    if not up:
+        axes.plot(x[order], values[order], ".", color=IDENTIFIED, ms=4)
+        axes.plot(result.best[across], _shown_in(result)[0] * result.objective, "*", color=WELL, ms=12)
+        axes.set_ylabel(literal(title))
+        return
+    y = result.points[:, names.index(up)]
+    # most designs lie near the best, so that ranks tell colours apart where values crowd
+    shares = [10.0, 100.0] if result.options.maximise else [0.0, 90.0]
+    low, high = np.percentile(values[order], shares)
+    cmap = "viridis" if result.options.maximise else "viridis_r"
+    tried = axes.scatter(x[order], y[order], c=values[order], s=10, cmap=cmap, vmin=low, vmax=high)
+    axes.plot(result.best[across], result.best[up], "*", color=WELL, ms=12, label="best")
+    _label_design_axis(axes, result, up, "y")
+    axes.figure.colorbar(tried, ax=axes, label=literal(title))
 
 
 def _label_design_axis(axes: Axes, result: Design, name: str, which: str) -> None:

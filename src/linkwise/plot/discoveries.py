@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,9 +19,11 @@ from linkwise.plot.style import (
     TRUE,
     VISITED,
     WELL,
+    On,
     axes_for,
     literal,
     log_scale,
+    picture,
     pictures,
     scale,
     single,
@@ -31,7 +33,8 @@ _POINTS = 201
 _FAINTEST = 0.02  # of the weight of all models: others are not drawn
 
 
-def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+@picture()
+def departures(axes: Axes, discovery: Discovery, link: str, **on: Unpack[On]) -> None:
     """Draw by how much the forces of a link depart from that of the selected model: of others that survive, and averaged.
 
     Each of the models is a line, the wider the more weight it has. The band is that of the force averaged over them.
@@ -75,21 +78,19 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
     largest = float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
     law, of_d = estimate.link.law, estimate.link.law.motion_units[0]
     (to_d, unit_d), (to_f, unit_f) = scale(d, of_d), scale(largest, law.force_unit)
-    with axes_for(ax, legend=legend) as axes:
-        if np.isfinite(lower).all():
-            band = axes.fill_between(d * to_d, lower * to_f, upper * to_f, color=VISITED, lw=0)
-            band.set_label("95 % band, averaged")
-        others = [number for number in range(1, len(shifts)) if average.weights[number] >= _FAINTEST]
-        for number in others:
-            width = 0.5 + 2.5 * float(average.weights[number])
-            label = "other models that survive" if number == others[0] else None
-            axes.plot(d * to_d, shifts[number] * to_f, color=MEASURED, lw=width, label=label)
-        axes.plot(d * to_d, averaged * to_f, color=WELL, lw=1.0, label="averaged")
-        axes.axhline(0.0, color=IDENTIFIED, lw=0.5 + 2.5 * float(average.weights[0]), label="selected")
-        axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"force less that selected, {unit_f}")
-        selected_one = f"the selected one with {average.weights[0]:.0%}"
-        axes.set_title(literal(f"{link}: models that survive, {selected_one}"))
-    return axes
+    if np.isfinite(lower).all():
+        band = axes.fill_between(d * to_d, lower * to_f, upper * to_f, color=VISITED, lw=0)
+        band.set_label("95 % band, averaged")
+    others = [number for number in range(1, len(shifts)) if average.weights[number] >= _FAINTEST]
+    for number in others:
+        width = 0.5 + 2.5 * float(average.weights[number])
+        label = "other models that survive" if number == others[0] else None
+        axes.plot(d * to_d, shifts[number] * to_f, color=MEASURED, lw=width, label=label)
+    axes.plot(d * to_d, averaged * to_f, color=WELL, lw=1.0, label="averaged")
+    axes.axhline(0.0, color=IDENTIFIED, lw=0.5 + 2.5 * float(average.weights[0]), label="selected")
+    axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"force less that selected, {unit_f}")
+    selected_one = f"the selected one with {average.weights[0]:.0%}"
+    axes.set_title(literal(f"{link}: models that survive, {selected_one}"))
 
 
 _SELECTED = 40  # terms that are drawn
@@ -187,7 +188,8 @@ _RUNNERS_UP = 10
 _FAR = 100.0  # a margin from which a linear scale shows nothing of the others
 
 
-def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+@picture()
+def path(axes: Axes, discovery: Discovery, **on: Unpack[On]) -> None:
     """Draw misfit and criterion against the number of terms, with the chosen model marked.
 
     Scales are linear to 10 and logarithmic beyond.
@@ -214,32 +216,31 @@ def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -
     >>> lw.plot.path(found).get_xlabel()
     'terms'
     """
-    with axes_for(ax, legend=legend) as axes:
-        terms = [point.terms for point in discovery.path]
-        costs, criteria = ([getattr(p, key) for p in discovery.path] for key in ("cost", "criterion"))
-        axes.plot(terms, costs, "o-", color=MEASURED, ms=3, label="misfit, above the largest model's")
-        axes.plot(terms, criteria, "o-", color=IDENTIFIED, ms=3, label="criterion, above the chosen model's")
-        mark: dict[str, Any] = {"ms": 8, "zorder": 5, "clip_on": False, "label": "chosen"}
-        for point in discovery.path:
-            if point.chosen:
-                axes.plot(point.terms, point.criterion, "o", color=WELL, **mark)
-                axes.axvline(point.terms, color=WELL, lw=0.8, zorder=0)
-        axes.axhspan(0.0, CERTAIN, color=VISITED, zorder=0, label=f"in doubt (to {CERTAIN:g})")
-        log_scale(axes, "y", linear_to=10.0)
-        axes.set_ylim(min(criteria, default=0.0) - 0.5, None)
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set(xlabel="terms", ylabel="-2 log likelihood", title="models of all sizes")
-    return axes
+    terms = [point.terms for point in discovery.path]
+    costs, criteria = ([getattr(p, key) for p in discovery.path] for key in ("cost", "criterion"))
+    axes.plot(terms, costs, "o-", color=MEASURED, ms=3, label="misfit, above the largest model's")
+    axes.plot(terms, criteria, "o-", color=IDENTIFIED, ms=3, label="criterion, above the chosen model's")
+    mark: dict[str, Any] = {"ms": 8, "zorder": 5, "clip_on": False, "label": "chosen"}
+    for point in discovery.path:
+        if point.chosen:
+            axes.plot(point.terms, point.criterion, "o", color=WELL, **mark)
+            axes.axvline(point.terms, color=WELL, lw=0.8, zorder=0)
+    axes.axhspan(0.0, CERTAIN, color=VISITED, zorder=0, label=f"in doubt (to {CERTAIN:g})")
+    log_scale(axes, "y", linear_to=10.0)
+    axes.set_ylim(min(criteria, default=0.0) - 0.5, None)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel="terms", ylabel="-2 log likelihood", title="models of all sizes")
 
 
-def runners_up(discovery: Discovery, *, legend: bool = False, ax: Axes | None = None) -> Axes:
+@picture()
+def runners_up(axes: Axes, discovery: Discovery, **on: Unpack[On]) -> None:
     """Draw how much worse the criterion of the next best models is.
 
     Parameters
     ----------
     discovery : Discovery
         An answer of `linkwise.discover`.
-    legend : bool, default False
+    legend : bool, default True
         Add a legend to the axes.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
@@ -259,17 +260,15 @@ def runners_up(discovery: Discovery, *, legend: bool = False, ax: Axes | None = 
     'the next best models'
     """
     margins = [model.margin for model in discovery.runners_up[:_RUNNERS_UP]]
-    with axes_for(ax, legend=legend) as axes:
-        rows = np.arange(len(margins))
-        axes.axvspan(0.0, CERTAIN, color=VISITED, zorder=0)
-        axes.barh(rows, margins, color=IDENTIFIED, height=0.6)
-        axes.set_yticks(rows, [literal(change) for change in runner_up_changes(discovery)[:_RUNNERS_UP]])
-        axes.invert_yaxis()
-        axes.grid(False, axis="y")
-        if max(margins, default=0.0) > _FAR:
-            log_scale(axes, "x", linear_to=10.0)
-        axes.set(xlabel="criterion above the chosen model's", title="the next best models")
-    return axes
+    rows = np.arange(len(margins))
+    axes.axvspan(0.0, CERTAIN, color=VISITED, zorder=0)
+    axes.barh(rows, margins, color=IDENTIFIED, height=0.6)
+    axes.set_yticks(rows, [literal(change) for change in runner_up_changes(discovery)[:_RUNNERS_UP]])
+    axes.invert_yaxis()
+    axes.grid(False, axis="y")
+    if max(margins, default=0.0) > _FAR:
+        log_scale(axes, "x", linear_to=10.0)
+    axes.set(xlabel="criterion above the chosen model's", title="the next best models")
 
 
 def path_figure(discovery: Discovery) -> Figure:

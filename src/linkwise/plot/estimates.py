@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,13 +23,14 @@ from linkwise.plot.style import (
     MEASURED,
     SERIES,
     TRUE,
-    axes_for,
+    On,
     envelope,
     error_bars,
     label,
     legend_below,
     literal,
     log_scale,
+    picture,
     scale,
     sheet,
     wrap_title,
@@ -43,9 +44,8 @@ _FITTED: dict[str, Any] = {"color": IDENTIFIED, "lw": 0.7, "label": "fitted"}
 _APART = 8  # standard deviations of noise between the channels over time
 
 
-def residuals(
-    estimate: Estimate, channel: str, quantity: str = "time", *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture()
+def residuals(axes: Axes, estimate: Estimate, channel: str, quantity: str = "time", **on: Unpack[On]) -> None:
     """Draw what a fit leaves of a channel, in standard deviations of its noise.
 
     Over time all of it; over frequency its spectral density beside that of white noise; over the motion of a link its mean
@@ -89,23 +89,21 @@ def residuals(
         raise RecordError(f"there are no residuals of {channel!r}{hint}; choose from {known}")
     quantities = ("time", "frequency", *(f"{kind} of {link}" for link in _links(estimate) for kind in "dv"))
     require_known("quantity", quantity, quantities, RecordError)
-    with axes_for(ax, legend=legend and quantity != "time") as axes:
-        if quantity == "time":
-            axes.plot(*envelope(estimate.motion.time, left[channel]), color=IDENTIFIED, lw=0.6)
-            axes.set_xlabel("time, s")
-        elif quantity == "frequency":
-            _over_frequency(axes, left[channel], estimate.record.rate, color=IDENTIFIED, label="residuals")
-            _draw_white_noise(axes)
-        else:
-            kind, _, link = quantity.partition(" of ")
-            along = _link_motion(estimate, kind, link)
-            of_d, of_v = estimate.structure.link(link).law.motion_units
-            factor, unit = scale(along, of_d if kind == "d" else of_v)
-            band = _over_motion(axes, left[channel], along, factor, color=IDENTIFIED, label="mean")
-            _draw_chance_band(axes, *band)
-            axes.set_xlabel(f"{literal(quantity)}, {unit}")
-        axes.set_ylabel(f"{literal(channel)} / noise")
-    return axes
+    if quantity == "time":
+        axes.plot(*envelope(estimate.motion.time, left[channel]), color=IDENTIFIED, lw=0.6)
+        axes.set_xlabel("time, s")
+    elif quantity == "frequency":
+        _over_frequency(axes, left[channel], estimate.record.rate, color=IDENTIFIED, label="residuals")
+        _draw_white_noise(axes)
+    else:
+        kind, _, link = quantity.partition(" of ")
+        along = _link_motion(estimate, kind, link)
+        of_d, of_v = estimate.structure.link(link).law.motion_units
+        factor, unit = scale(along, of_d if kind == "d" else of_v)
+        band = _over_motion(axes, left[channel], along, factor, color=IDENTIFIED, label="mean")
+        _draw_chance_band(axes, *band)
+        axes.set_xlabel(f"{literal(quantity)}, {unit}")
+    axes.set_ylabel(f"{literal(channel)} / noise")
 
 
 def _links(estimate: Estimate) -> list[str]:
@@ -209,7 +207,8 @@ def _link_at(estimate: Estimate, channel: str) -> str:
 _HEIGHT = 3.0  # inches of a panel
 
 
-def shapes(host: Host, points: Sequence[str] = (), *, legend: bool = True, ax: Axes | None = None) -> Axes:
+@picture()
+def shapes(axes: Axes, host: Host, points: Sequence[str] = (), **on: Unpack[On]) -> None:
     """Draw the shapes of the modes of a host at its points, with two standard deviations either way where they are not known.
 
     A host has no geometry: the points stand side by side in its order, and the lines between them only guide the eye.
@@ -239,19 +238,17 @@ def shapes(host: Host, points: Sequence[str] = (), *, legend: bool = True, ax: A
     """
     points = list(points or host.modes[0].shape)
     places = np.arange(len(points), dtype=float)
-    with axes_for(ax, legend=legend) as axes:
-        axes.axhline(0.0, color="black", lw=0.6)
-        for number, mode in enumerate(host.modes):
-            hz = "" if mode.frequency.value is None else f", {mode.frequency.value:.4g} Hz"
-            deviations = [mode.shape_sigma.get(point, 0.0) for point in points]
-            bars = [2.0 * sigma if math.isfinite(sigma) else 0.0 for sigma in deviations]
-            shape, ends = [mode.shape[point] for point in points], bars if any(deviations) else None
-            error_bars(axes, number, f"mode {number + 1}{hz}", places, shape, ends)
-        axes.set_xticks(places, [literal(point) for point in points])
-        turning = len(host.modes[0].rotations.intersection(points))
-        units = ["1/√kg"] * (turning < len(points)) + ["rad/(m √kg)"] * (turning > 0)
-        axes.set_ylabel(f"shape, {' or '.join(units)}")
-    return axes
+    axes.axhline(0.0, color="black", lw=0.6)
+    for number, mode in enumerate(host.modes):
+        hz = "" if mode.frequency.value is None else f", {mode.frequency.value:.4g} Hz"
+        deviations = [mode.shape_sigma.get(point, 0.0) for point in points]
+        bars = [2.0 * sigma if math.isfinite(sigma) else 0.0 for sigma in deviations]
+        shape, ends = [mode.shape[point] for point in points], bars if any(deviations) else None
+        error_bars(axes, number, f"mode {number + 1}{hz}", places, shape, ends)
+    axes.set_xticks(places, [literal(point) for point in points])
+    turning = len(host.modes[0].rotations.intersection(points))
+    units = ["1/√kg"] * (turning < len(points)) + ["rad/(m √kg)"] * (turning > 0)
+    axes.set_ylabel(f"shape, {' or '.join(units)}")
 
 
 def shapes_figure(structure: Structure) -> Figure:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import product
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,11 +16,12 @@ from linkwise.inspection.level_comparison import LevelComparison, ring_name
 from linkwise.plot.style import (
     MEASURED,
     SERIES,
-    axes_for,
+    On,
     error_bars,
     label,
     literal,
     log_scale,
+    picture,
     pictures,
     scale,
     scattered,
@@ -30,7 +31,8 @@ from linkwise.plot.style import (
 OfMode = Literal["frequency", "damping"]
 
 
-def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+@picture()
+def distortion(axes: Axes, comparison: LevelComparison, **on: Unpack[On]) -> None:
     """Draw odd and even distortion, and the scatter of periods, over the level of a periodic force.
 
     Parameters
@@ -55,27 +57,22 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
     ['odd', 'even', 'scatter']
     """
     kinds = (("odd", SERIES[1], "s"), ("even", SERIES[0], "o"), ("noise", MEASURED, "x"))
-    with axes_for(ax, legend=legend) as axes:
-        for name, colour, marker in kinds:
-            powers = [measured and getattr(measured, name) for measured in comparison.distortions]
-            pairs = zip(comparison.levels, powers, strict=True)
-            points = [(level, power) for level, power in pairs if power is not None]
-            text = "scatter" if name == "noise" else name
-            if points:
-                axes.plot(*np.array(points).T, color=colour, marker=marker, ms=4, lw=1.0, label=text)
-        log_scale(axes, "x")
-        axes.set_xlabel(literal(comparison.level_name))
-        axes.set_ylabel(f"power over that of {literal(comparison.responses[0].response)}, dB")
-    return axes
+    for name, colour, marker in kinds:
+        powers = [measured and getattr(measured, name) for measured in comparison.distortions]
+        pairs = zip(comparison.levels, powers, strict=True)
+        points = [(level, power) for level, power in pairs if power is not None]
+        text = "scatter" if name == "noise" else name
+        if points:
+            axes.plot(*np.array(points).T, color=colour, marker=marker, ms=4, lw=1.0, label=text)
+    log_scale(axes, "x")
+    axes.set_xlabel(literal(comparison.level_name))
+    axes.set_ylabel(f"power over that of {literal(comparison.responses[0].response)}, dB")
 
 
+@picture()
 def level_modes(
-    comparison: LevelComparison,
-    quantity: OfMode = "frequency",
-    *,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+    axes: Axes, comparison: LevelComparison, quantity: OfMode = "frequency", **on: Unpack[On]
+) -> None:
     """Draw how the frequencies or the damping of modes move with the level, with two standard errors either way.
 
     Parameters
@@ -106,14 +103,12 @@ def level_modes(
         values = 100.0 * comparison.frequency_changes
         errors = 100.0 * comparison.frequency_errors / comparison.frequencies[0]
     values = np.where(comparison.lost, np.nan, values)
-    with axes_for(ax, legend=legend) as axes:
-        for mode in range(values.shape[1]):
-            text = f"mode {mode + 1}, {comparison.frequencies[0, mode]:.4g} Hz"
-            error_bars(axes, mode, text, comparison.levels, values[:, mode], 2.0 * errors[:, mode])
-        log_scale(axes, "x")
-        axes.set_xlabel(literal(comparison.level_name))
-        axes.set_ylabel("change of frequency, %" if quantity == "frequency" else "damping, % of critical")
-    return axes
+    for mode in range(values.shape[1]):
+        text = f"mode {mode + 1}, {comparison.frequencies[0, mode]:.4g} Hz"
+        error_bars(axes, mode, text, comparison.levels, values[:, mode], 2.0 * errors[:, mode])
+    log_scale(axes, "x")
+    axes.set_xlabel(literal(comparison.level_name))
+    axes.set_ylabel("change of frequency, %" if quantity == "frequency" else "damping, % of critical")
 
 
 def levels_figure(comparison: LevelComparison) -> Figure:
@@ -125,13 +120,13 @@ def levels_figure(comparison: LevelComparison) -> Figure:
 _RANGE = (0.15, 1.0)  # of lightness, of the lowest and the highest level
 
 
+@picture()
 def level_response(
+    axes: Axes,
     comparison: LevelComparison,
     quantity: Literal["magnitude", "coherence"] = "magnitude",
-    *,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+    **on: Unpack[On],
+) -> None:
     """Draw the response function of every level, or its coherence; higher levels are darker.
 
     Parameters
@@ -158,21 +153,19 @@ def level_response(
     'coherence'
     """
     first = comparison.responses[0]
-    with axes_for(ax, legend=legend) as axes:
-        shades = np.linspace(*_RANGE, len(comparison.levels))
-        for response, level, shade in zip(comparison.responses, comparison.levels, shades, strict=True):
-            values = response.magnitude if quantity == "magnitude" else response.coherence
-            colour = tuple(1.0 - shade * (1.0 - part) for part in to_rgb(SERIES[0]))  # from white on
-            text = label(f"{level:.3g} {comparison.unit}")
-            axes.plot(response.frequency, values, color=colour, lw=0.9, label=text)
-        if quantity == "magnitude":
-            log_scale(axes, "y")
-            axes.set_ylabel(f"{literal(first.response)}\nper {literal(first.force)}")
-        else:
-            axes.set(ylabel="coherence", ylim=(-0.03, 1.03))
-        highest = max(one.frequency[np.isfinite(one.magnitude)].max() for one in comparison.responses)
-        axes.set(xlim=(0.0, float(highest)), xlabel="frequency, Hz")
-    return axes
+    shades = np.linspace(*_RANGE, len(comparison.levels))
+    for response, level, shade in zip(comparison.responses, comparison.levels, shades, strict=True):
+        values = response.magnitude if quantity == "magnitude" else response.coherence
+        colour = tuple(1.0 - shade * (1.0 - part) for part in to_rgb(SERIES[0]))  # from white on
+        text = label(f"{level:.3g} {comparison.unit}")
+        axes.plot(response.frequency, values, color=colour, lw=0.9, label=text)
+    if quantity == "magnitude":
+        log_scale(axes, "y")
+        axes.set_ylabel(f"{literal(first.response)}\nper {literal(first.force)}")
+    else:
+        axes.set(ylabel="coherence", ylim=(-0.03, 1.03))
+    highest = max(one.frequency[np.isfinite(one.magnitude)].max() for one in comparison.responses)
+    axes.set(xlim=(0.0, float(highest)), xlabel="frequency, Hz")
 
 
 def level_responses_figure(comparison: LevelComparison) -> Figure:
@@ -181,14 +174,15 @@ def level_responses_figure(comparison: LevelComparison) -> Figure:
     return strips([draw, partial(draw, "coherence")], (0.0, 2.3), columns=4)
 
 
+@picture()
 def ring_down(
+    axes: Axes,
     comparison: LevelComparison,
     quantity: OfMode = "frequency",
     *,
     number: int = 0,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+    **on: Unpack[On],
+) -> None:
     """Draw the frequency or the damping of a mode over its amplitude as it rings down, with two standard errors either way.
 
     Parameters
@@ -220,17 +214,15 @@ def ring_down(
     values, errors = ring.frequency, ring.frequency_error
     if quantity == "damping":
         values, errors = 100.0 * ring.damping, 100.0 * ring.damping_error
-    with axes_for(ax, legend=legend) as axes:
-        color = SERIES[(ring.mode - 1) % len(SERIES)]
-        alike = [other.amplitude.max() for other in comparison.ring_downs if other.unit == ring.unit]
-        times, unit = scale(alike, ring.unit)
-        bars: dict[str, Any] = {"fmt": ".", "elinewidth": 0.8, "label": label(ring_name(ring))}
-        axes.errorbar(times * ring.amplitude, values, 2.0 * errors, color=color, **bars)
-        log_scale(axes, "x")
-        axes.ticklabel_format(axis="y", useOffset=False)
-        axes.set_xlabel(f"amplitude of {literal(ring.channel)}, {unit}")
-        axes.set_ylabel("frequency, Hz" if quantity == "frequency" else "damping, %")
-    return axes
+    color = SERIES[(ring.mode - 1) % len(SERIES)]
+    alike = [other.amplitude.max() for other in comparison.ring_downs if other.unit == ring.unit]
+    times, unit = scale(alike, ring.unit)
+    bars: dict[str, Any] = {"fmt": ".", "elinewidth": 0.8, "label": label(ring_name(ring))}
+    axes.errorbar(times * ring.amplitude, values, 2.0 * errors, color=color, **bars)
+    log_scale(axes, "x")
+    axes.ticklabel_format(axis="y", useOffset=False)
+    axes.set_xlabel(f"amplitude of {literal(ring.channel)}, {unit}")
+    axes.set_ylabel("frequency, Hz" if quantity == "frequency" else "damping, %")
 
 
 def ring_down_figure(comparison: LevelComparison) -> Figure:
@@ -244,14 +236,10 @@ def ring_down_figure(comparison: LevelComparison) -> Figure:
 _AT_REST = 0.05  # of the largest velocity: samples that show the force of the stiffness alone
 
 
+@picture()
 def acceleration_surface(
-    comparison: LevelComparison,
-    *,
-    number: int = 0,
-    section: bool = False,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+    axes: Axes, comparison: LevelComparison, *, number: int = 0, section: bool = False, **on: Unpack[On]
+) -> None:
     """Draw the acceleration at a sensor, with the sign reversed, over displacement and velocity: restoring force per mass.
 
     Parameters
@@ -290,20 +278,18 @@ def acceleration_surface(
     shown: slice | Indices = scattered(len(force))
     if section:
         shown = np.flatnonzero(np.abs(velocity) < _AT_REST * np.abs(velocity).max())
-    with axes_for(ax, legend=legend) as axes:
-        axes.set_xlabel(f"displacement of {literal(surface.channel)}, {unit_d}")
-        if section:
-            displacement = surface.displacement[shown] * to_d
-            axes.plot(displacement, force[shown], ".", color=SERIES[0], ms=2.0, label="at no velocity")
-            axes.set_ylabel(of_force)
-        else:
-            even = CenteredNorm(halfrange=float(np.abs(force).max()))
-            style: dict[str, Any] = {"s": 2.0, "cmap": "RdBu_r", "norm": even, "rasterized": True}
-            places = surface.displacement[shown] * to_d, velocity[shown] * to_v
-            points = axes.scatter(*places, c=force[shown], label="while no force acts", **style)
-            axes.figure.colorbar(points, ax=axes, label=of_force)
-            axes.set_ylabel(f"velocity, {unit_v}")
-    return axes
+    axes.set_xlabel(f"displacement of {literal(surface.channel)}, {unit_d}")
+    if section:
+        displacement = surface.displacement[shown] * to_d
+        axes.plot(displacement, force[shown], ".", color=SERIES[0], ms=2.0, label="at no velocity")
+        axes.set_ylabel(of_force)
+    else:
+        even = CenteredNorm(halfrange=float(np.abs(force).max()))
+        style: dict[str, Any] = {"s": 2.0, "cmap": "RdBu_r", "norm": even, "rasterized": True}
+        places = surface.displacement[shown] * to_d, velocity[shown] * to_v
+        points = axes.scatter(*places, c=force[shown], label="while no force acts", **style)
+        axes.figure.colorbar(points, ax=axes, label=of_force)
+        axes.set_ylabel(f"velocity, {unit_v}")
 
 
 def acceleration_surfaces_figure(comparison: LevelComparison) -> Figure:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,13 +26,14 @@ from linkwise.plot.style import (
     TRUE,
     VISITED,
     WELL,
-    axes_for,
+    On,
     force_title,
     heading,
     label,
     legend_below,
     literal,
     log_scale,
+    picture,
     pictures,
     scale,
     scattered,
@@ -48,15 +49,16 @@ if TYPE_CHECKING:
 _SHOWN = 6  # links in one figure
 
 
+@picture()
 def force(
+    axes: Axes,
     estimate: Estimate,
     link: str,
     *,
     truth: Structure | None = None,
     near_wells: bool = False,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+    **on: Unpack[On],
+) -> None:
     """Draw the elastic force of a link over its elongation.
 
     Shown are the identified curve with its 95 % band, the wells, the range of elongations that the record visited, samples of
@@ -98,14 +100,12 @@ def force(
     'elongation d, mm'
     """
     curve = force_curve(estimate, link, truth)
-    with axes_for(ax, legend=legend) as axes:
-        _draw(axes, curve)
-        near = curve.between_wells
-        if near_wells and near is not None:
-            to_d, _, to_f, _ = _scales(curve)
-            axes.set(xlim=(near[0][0] * to_d, near[0][1] * to_d), ylim=(near[1][0] * to_f, near[1][1] * to_f))
-        wrap_title(axes, force_title(curve.link))
-    return axes
+    _draw(axes, curve)
+    near = curve.between_wells
+    if near_wells and near is not None:
+        to_d, _, to_f, _ = _scales(curve)
+        axes.set(xlim=(near[0][0] * to_d, near[0][1] * to_d), ylim=(near[1][0] * to_f, near[1][1] * to_f))
+    wrap_title(axes, force_title(curve.link))
 
 
 def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = None) -> Figure:
@@ -168,9 +168,8 @@ def _samples_label(curve: ForceCurve) -> str:
     return f"{description} ({100 * curve.outside:.0f} % outside)" if curve.outside >= 0.005 else description
 
 
-def loop(
-    estimate: Estimate, link: str, *, over: str = "d", legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture()
+def loop(axes: Axes, estimate: Estimate, link: str, *, over: str = "d", **on: Unpack[On]) -> None:
     """Draw the force of a link over its elongation or its rate, along the motion of the record.
 
     Shown are the identified force, with the states of a link with memory, and that which a load cell showed.
@@ -216,14 +215,12 @@ def loop(
     law = estimate.link(link).link.law
     to_x, unit_x = scale(values, law.motion_units[("d", "v").index(over)])
     to_f, unit_f = scale(forces.largest, law.force_unit)
-    with axes_for(ax, legend=legend) as axes:
-        shown, identified = values * to_x, forces.identified * to_f
-        if forces.measured is not None:
-            axes.plot(shown, forces.measured * to_f, color=MEASURED, lw=0.7, zorder=1, label="measured")
-        axes.plot(shown, identified, color=IDENTIFIED, lw=0.9, zorder=2, label="identified")
-        axes.set(xlabel=f"{quantity}, {unit_x}", ylabel=f"force, {unit_f}")
-        wrap_title(axes, force_title(estimate.link(link).link))
-    return axes
+    shown, identified = values * to_x, forces.identified * to_f
+    if forces.measured is not None:
+        axes.plot(shown, forces.measured * to_f, color=MEASURED, lw=0.7, zorder=1, label="measured")
+    axes.plot(shown, identified, color=IDENTIFIED, lw=0.9, zorder=2, label="identified")
+    axes.set(xlabel=f"{quantity}, {unit_x}", ylabel=f"force, {unit_f}")
+    wrap_title(axes, force_title(estimate.link(link).link))
 
 
 def loop_figure(estimate: Estimate, link: str) -> Figure:
@@ -236,7 +233,8 @@ _SURFACE_POINTS = 81  # points of the surface either way
 _MARGIN = 0.05  # of the visited ranges, around them
 
 
-def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+@picture()
+def surface(axes: Axes, estimate: Estimate, link: str, **on: Unpack[On]) -> None:
     """Draw the identified force of a link over its elongation and rate as a map, with the motion of the record.
 
     Where no sample lies near the law is an extrapolation.
@@ -286,19 +284,17 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     largest = float(np.abs(force).max())
     to_f, unit_f = scale(largest, law.force_unit)
     thinned = scattered(len(estimate.motion.d))
-    with axes_for(ax, legend=legend) as axes:
-        bound = max(largest * to_f, np.finfo(float).tiny)
-        colors: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -bound, "vmax": bound}
-        mesh = axes.pcolormesh(d * to_d, v * to_v, force * to_f, rasterized=True, **colors)
-        axes.figure.colorbar(mesh, ax=axes, label=f"force, {unit_f}")
-        if np.any(force > 0.0) and np.any(force < 0.0):
-            axes.contour(d * to_d, v * to_v, force, levels=[0.0], colors=TRUE, linewidths=0.7)
-        visited = estimate.motion.d[thinned, index] * to_d, estimate.motion.v[thinned, index] * to_v
-        style: dict[str, Any] = {"color": TRUE, "ms": 1.2, "alpha": 0.5, "rasterized": True}
-        axes.plot(*visited, ".", label="motion of the record", **style)
-        axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"rate v, {unit_v}")
-        wrap_title(axes, force_title(link_estimate.link))
-    return axes
+    bound = max(largest * to_f, np.finfo(float).tiny)
+    colors: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -bound, "vmax": bound}
+    mesh = axes.pcolormesh(d * to_d, v * to_v, force * to_f, rasterized=True, **colors)
+    axes.figure.colorbar(mesh, ax=axes, label=f"force, {unit_f}")
+    if np.any(force > 0.0) and np.any(force < 0.0):
+        axes.contour(d * to_d, v * to_v, force, levels=[0.0], colors=TRUE, linewidths=0.7)
+    visited = estimate.motion.d[thinned, index] * to_d, estimate.motion.v[thinned, index] * to_v
+    style: dict[str, Any] = {"color": TRUE, "ms": 1.2, "alpha": 0.5, "rasterized": True}
+    axes.plot(*visited, ".", label="motion of the record", **style)
+    axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"rate v, {unit_v}")
+    wrap_title(axes, force_title(link_estimate.link))
 
 
 LineStyles = Mapping[str, Mapping[str, Any]]
@@ -306,15 +302,16 @@ _CURVE_POINTS = 801
 _DEPTH = 1e-2  # of the best curve's largest error: curves that cross the true one go down to nothing there
 
 
+@picture()
 def force_comparison(
+    axes: Axes,
     true: Link,
     identified: Mapping[str, Link],
     d_range: tuple[float, float],
     *,
     styles: LineStyles | None = None,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+    **on: Unpack[On],
+) -> None:
     """Draw the elastic force of a link as several methods identified it, beside the true one.
 
     Parameters
@@ -355,24 +352,23 @@ def force_comparison(
     force = true.force(d)
     to_f, unit_f = scale(force, true.law.force_unit)
     lines = _line_styles(identified, styles)
-    with axes_for(ax, legend=legend) as axes:
-        shown = _over_elongation(axes, d, true.law.motion_units[0])
-        axes.plot(shown, force * to_f, color=TRUE, lw=3.0, alpha=0.35, label="theory")
-        for name, link in identified.items():
-            axes.plot(shown, link.force(d) * to_f, **{"label": label(name), **lines[name]})
-        axes.set_ylabel(f"force at v = 0, {unit_f}")
-    return axes
+    shown = _over_elongation(axes, d, true.law.motion_units[0])
+    axes.plot(shown, force * to_f, color=TRUE, lw=3.0, alpha=0.35, label="theory")
+    for name, link in identified.items():
+        axes.plot(shown, link.force(d) * to_f, **{"label": label(name), **lines[name]})
+    axes.set_ylabel(f"force at v = 0, {unit_f}")
 
 
+@picture()
 def force_errors(
+    axes: Axes,
     true: Link,
     identified: Mapping[str, Link],
     d_range: tuple[float, float],
     *,
     styles: LineStyles | None = None,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+    **on: Unpack[On],
+) -> None:
     """Draw the errors of forces that several methods identified over the elongation, in % of the largest true force.
 
     The paper divides by the force itself, which is zero at every equilibrium; by its largest value the error is finite
@@ -416,16 +412,14 @@ def force_errors(
     largest = max(float(np.abs(force).max()), np.finfo(float).tiny)
     errors = {name: 100.0 * np.abs(link.force(d) - force) / largest for name, link in identified.items()}
     lines = _line_styles(identified, styles)
-    with axes_for(ax, legend=legend) as axes:
-        shown = _over_elongation(axes, d, true.law.motion_units[0])
-        for name, error in errors.items():
-            axes.plot(shown, error, **{"label": label(name), **lines[name]})
-        peaks = [float(error.max()) for error in errors.values() if error.any()]
-        if peaks:
-            log_scale(axes, "y")
-            axes.set_ylim(bottom=_DEPTH * min(peaks))
-        axes.set_ylabel("error, % of the largest force")
-    return axes
+    shown = _over_elongation(axes, d, true.law.motion_units[0])
+    for name, error in errors.items():
+        axes.plot(shown, error, **{"label": label(name), **lines[name]})
+    peaks = [float(error.max()) for error in errors.values() if error.any()]
+    if peaks:
+        log_scale(axes, "y")
+        axes.set_ylim(bottom=_DEPTH * min(peaks))
+    axes.set_ylabel("error, % of the largest force")
 
 
 def force_comparison_figure(

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,6 +25,7 @@ from linkwise.plot.style import (
     TRUE,
     VISITED,
     WELL,
+    On,
     axes_for,
     envelope,
     heading,
@@ -34,6 +35,7 @@ from linkwise.plot.style import (
     log_scale,
     not_shown,
     over_time,
+    picture,
     scale,
     sheet,
     strips,
@@ -47,13 +49,10 @@ if TYPE_CHECKING:  # which takes a twentieth of a second to load
 _MOST = 10  # strips that still can be read on one page
 
 
+@picture()
 def histories(
-    record: Record | Estimate,
-    channels: Sequence[str] | None = None,
-    *,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+    axes: Axes, record: Record | Estimate, channels: Sequence[str] | None = None, **on: Unpack[On]
+) -> None:
     """Draw channels of a record over time.
 
     Gaps stay open; of a long record the extremes of every few samples are drawn, which looks the same.
@@ -92,16 +91,14 @@ def histories(
     if not names:
         raise RecordError(f"no channel to draw; choose from {', '.join(source.channels)}")
     alike = len({source.unit(name) for name in names}) == 1
-    with axes_for(ax, legend=legend and len(names) > 1) as axes:
-        for name in names:
-            factor, unit = scale(source.select(names if alike else [name]).values, source.unit(name))
-            text = label(name if alike else f"{name}, {unit}")
-            color = SERIES[source.channels.index(name) % len(SERIES)]
-            values = factor * source.channel(name)
-            axes.plot(*envelope(source.time, values), color=color, lw=0.7, label=text)
-        common = unit if alike else ""
-        over_time(axes, source.time, _value_label(source.select(names).channels, common))
-    return axes
+    for name in names:
+        factor, unit = scale(source.select(names if alike else [name]).values, source.unit(name))
+        text = label(name if alike else f"{name}, {unit}") if len(names) > 1 else None
+        color = SERIES[source.channels.index(name) % len(SERIES)]
+        values = factor * source.channel(name)
+        axes.plot(*envelope(source.time, values), color=color, lw=0.7, label=text)
+    common = unit if alike else ""
+    over_time(axes, source.time, _value_label(source.select(names).channels, common))
 
 
 def histories_figure(record: Record) -> Figure:
@@ -125,9 +122,8 @@ def _value_label(channels: Sequence[Channel], unit: str) -> str:
     return ", ".join(filter(None, [quantities.pop() if unit and len(quantities) == 1 else "value", unit]))
 
 
-def spectrum(
-    record: Record, name: str, noise: float | None = None, *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture()
+def spectrum(axes: Axes, record: Record, name: str, noise: float | None = None, **on: Unpack[On]) -> None:
     """Draw the amplitude spectral density of a channel over frequency.
 
     Parameters
@@ -161,17 +157,16 @@ def spectrum(
     density = np.sqrt(spectrogram.mean[1:-1]) * factor
     color = SERIES[record.channels.index(name) % len(SERIES)]
     noisy = noise is not None and noise > 0.0 and bool(density.any())
-    with axes_for(ax, legend=legend and noisy) as axes:
-        if density.any():
-            axes.plot(spectrogram.frequency[1:-1], density, color=color, lw=0.9, label=label(name))
-            log_scale(axes, "y")
-        if noise is not None and noisy:
-            level = factor * noise * (2.0 / record.rate) ** 0.5
-            axes.axhline(level, color=WELL if color != WELL else MEASURED, ls="--", lw=0.8, label="noise")
-        axes.set(xlim=spectrogram.frequency[[1, -2]], xlabel="frequency, Hz")
-        log_scale(axes, "x")
-        axes.set_ylabel(f"{literal(name)}\n{unit}/√Hz")
-    return axes
+    if density.any():
+        text = label(name) if noisy else None
+        axes.plot(spectrogram.frequency[1:-1], density, color=color, lw=0.9, label=text)
+        log_scale(axes, "y")
+    if noise is not None and noisy:
+        level = factor * noise * (2.0 / record.rate) ** 0.5
+        axes.axhline(level, color=WELL if color != WELL else MEASURED, ls="--", lw=0.8, label="noise")
+    axes.set(xlim=spectrogram.frequency[[1, -2]], xlabel="frequency, Hz")
+    log_scale(axes, "x")
+    axes.set_ylabel(f"{literal(name)}\n{unit}/√Hz")
 
 
 def spectra_figure(inspection: Inspection, number: int = 0) -> Figure:
@@ -221,9 +216,8 @@ def spectrogram(record: Record, name: str, *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def coherence(
-    record: Record, first: str, second: str, *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture()
+def coherence(axes: Axes, record: Record, first: str, second: str, **on: Unpack[On]) -> None:
     """Draw the coherence of two channels over frequency: the part of the power of one that follows linearly from the other.
 
     Parameters
@@ -250,12 +244,10 @@ def coherence(
     'frequency, Hz'
     """
     estimate = Coherence.of(record.channel(first), record.channel(second), record.rate)
-    with axes_for(ax, legend=legend) as axes:
-        axes.plot(estimate.frequency[1:], estimate.values[1:], color=SERIES[0], lw=0.9, label="coherence")
-        axes.axhline(estimate.by_chance, color=MEASURED, ls="--", lw=0.8, label="noise")
-        axes.set(xlim=(0.0, 0.5 * record.rate), ylim=(0.0, 1.0))
-        axes.set(xlabel="frequency, Hz", ylabel=f"{literal(first)}\n{literal(second)}")
-    return axes
+    axes.plot(estimate.frequency[1:], estimate.values[1:], color=SERIES[0], lw=0.9, label="coherence")
+    axes.axhline(estimate.by_chance, color=MEASURED, ls="--", lw=0.8, label="noise")
+    axes.set(xlim=(0.0, 0.5 * record.rate), ylim=(0.0, 1.0))
+    axes.set(xlabel="frequency, Hz", ylabel=f"{literal(first)}\n{literal(second)}")
 
 
 def spectrograms_figure(inspection: Inspection, number: int = 0) -> Figure:
@@ -277,14 +269,10 @@ _PANEL_HEIGHT = 1.5  # inches
 _BLOCK = 10  # samples of a range drawn as one: narrower than a line
 
 
+@picture()
 def displacement(
-    envelope: OrbitEnvelope,
-    mass: str,
-    *,
-    without: OrbitEnvelope | None = None,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+    axes: Axes, envelope: OrbitEnvelope, mass: str, *, without: OrbitEnvelope | None = None, **on: Unpack[On]
+) -> None:
     """Draw the displacement of a mass after a release over time, with sinks and without them where both are given.
 
     Past the horizon of a chaotic motion the axes are shaded and the range of neighbouring orbits is shown: the curve is one
@@ -328,13 +316,11 @@ def displacement(
         shown = [("without sinks", MEASURED, without.record), ("with sinks", IDENTIFIED, envelope.record)]
     largest = max(float(np.abs(record.channel(channel)).max()) for _, _, record in shown)
     factor, unit = scale(largest, envelope.record.unit(channel))
-    with axes_for(ax, legend=legend) as axes:
-        _draw_range(axes, envelope, mass, factor)
-        for name, color, record in shown:
-            x = record.channel(channel) * factor
-            axes.plot(record.time, x, color=color, lw=0.8, zorder=3, label=name)
-        over_time(axes, envelope.record.time, f"x, {unit}")
-    return axes
+    _draw_range(axes, envelope, mass, factor)
+    for name, color, record in shown:
+        x = record.channel(channel) * factor
+        axes.plot(record.time, x, color=color, lw=0.8, zorder=3, label=name)
+    over_time(axes, envelope.record.time, f"x, {unit}")
 
 
 def displacements_figure(

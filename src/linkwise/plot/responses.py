@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 from itertools import pairwise
+from typing import Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +13,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from linkwise.arrays import Floats
-from linkwise.plot.style import SERIES, axes_for, label, not_shown, place_of, scale, single, strips
+from linkwise.plot.style import SERIES, On, label, not_shown, picture, place_of, scale, single, strips
 from linkwise.records.channel_units import unit_in
 from linkwise.response.backbone import Backbone
 from linkwise.response.basins_of_attraction import Basins
@@ -24,9 +25,8 @@ _BAND, _PLANE = 0.2, 0.6  # opacity
 _MARKERS = {FOLD: "o", "period doubling": "s", "Neimark-Sacker": "D", "branch point": "^"}
 
 
-def response(
-    result: Response, channel: str | None = None, *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture()
+def response(axes: Axes, result: Response, channel: str | None = None, **on: Unpack[On]) -> None:
     """Draw the amplitude of a channel over frequency: a colour for each level, unstable motion thin and dotted.
 
     Where a link leaves the range that the record visited a curve is dashed. Bars are ranges of motions that do not repeat.
@@ -66,15 +66,13 @@ def response(
     sizes = [branch.amplitude[:, column].max() for level in result.levels for branch in level.branches]
     sizes += [0.5 * (m.upper - m.lower)[column] for level in result.levels for m in level.irregular]
     factor, unit = scale(sizes, unit_in(result.structure, name))
-    with axes_for(ax, legend=legend) as axes:
-        for level, colour in zip(result.levels, _colours(len(result.levels)), strict=True):
-            _draw_level(axes, level, column, factor, colour)
-            axes.plot([], [], color=colour, label=f"{level.size:g} {result.drive.unit}")
-        _draw_measured(axes, result.measured, column, factor)
-        _explain_marks(axes, result)
-        axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
-        axes.set_ylim(bottom=0.0)
-    return axes
+    for level, colour in zip(result.levels, _colours(len(result.levels)), strict=True):
+        _draw_level(axes, level, column, factor, colour)
+        axes.plot([], [], color=colour, label=f"{level.size:g} {result.drive.unit}")
+    _draw_measured(axes, result.measured, column, factor)
+    _explain_marks(axes, result)
+    axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
+    axes.set_ylim(bottom=0.0)
 
 
 def _draw_measured(axes: Axes, measured: MeasuredPoints | None, column: int, factor: float) -> None:
@@ -128,9 +126,8 @@ def _explain_marks(axes: Axes, result: Response) -> None:
         axes.plot([], [], "x", color="black", ms=4.5, label="half of the range where not periodic")
 
 
-def backbone(
-    result: Backbone, channel: str | None = None, *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture()
+def backbone(axes: Axes, result: Backbone, channel: str | None = None, **on: Unpack[On]) -> None:
     """Draw the amplitude of a nonlinear mode over its frequency, dashed where a link leaves the range of the record.
 
     Parameters
@@ -166,19 +163,17 @@ def backbone(
     values = result.amplitude[:, column]
     factor, unit = scale(values, unit_in(result.structure, name))
     outside = np.array([bool(link) for link in result.outside] or np.zeros(len(values), dtype=bool))
-    with axes_for(ax, legend=legend) as axes:
-        _draw_measured(axes, result.measured, column, factor)
-        inside = np.where(outside, np.nan, values)
-        if result.lower is not None and result.upper is not None:
-            ends = (result.lower, result.upper)
-            axes.fill_betweenx(factor * values, *ends, color="black", alpha=_BAND, linewidth=0)
-        axes.plot(result.hz, factor * inside, color="black", label=f"mode {result.mode}")
-        if outside.any():
-            beyond = factor * np.where(outside, values, np.nan)
-            axes.plot(result.hz, beyond, "--", color="black", label="outside the range of the record")
-        axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
-        axes.set_ylim(bottom=0.0)
-    return axes
+    _draw_measured(axes, result.measured, column, factor)
+    inside = np.where(outside, np.nan, values)
+    if result.lower is not None and result.upper is not None:
+        ends = (result.lower, result.upper)
+        axes.fill_betweenx(factor * values, *ends, color="black", alpha=_BAND, linewidth=0)
+    axes.plot(result.hz, factor * inside, color="black", label=f"mode {result.mode}")
+    if outside.any():
+        beyond = factor * np.where(outside, values, np.nan)
+        axes.plot(result.hz, beyond, "--", color="black", label="outside the range of the record")
+    axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
+    axes.set_ylim(bottom=0.0)
 
 
 def _draw_damping(result: Backbone, ax: Axes) -> Axes:
@@ -205,7 +200,8 @@ def backbone_figure(result: Backbone) -> Figure:
     return strips([*draws, partial(_draw_damping, result)], (1.5, 1.7), title=title)
 
 
-def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+@picture()
+def basins(axes: Axes, result: Basins, **on: Unpack[On]) -> None:
     """Draw the plane of initial states, a colour for each rest position where motion ends; white where that is not decided.
 
     Parameters
@@ -235,16 +231,14 @@ def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Ax
         grids.append(factor * values)
         names.append(f"{label(name)}, {unit}")
     shades = [to_rgb(colour) for colour in _colours(len(result.rests))]
-    with axes_for(ax, legend=legend) as axes:
-        colours = np.ones((*result.ends.shape, 3))
-        for number, shade in enumerate(shades):
-            colours[result.ends == number] = shade
-            label_text = f"rest {number + 1}: {100 * result.shares[number]:.3g} %"
-            axes.plot([], [], "s", color=shade, alpha=_PLANE, label=label_text)
-        axes.pcolormesh(*grids, colours.transpose(1, 0, 2), shading="nearest", alpha=_PLANE)
-        axes.set(xlabel=names[0], ylabel=names[1])
-        axes.grid(visible=False)
-    return axes
+    colours = np.ones((*result.ends.shape, 3))
+    for number, shade in enumerate(shades):
+        colours[result.ends == number] = shade
+        label_text = f"rest {number + 1}: {100 * result.shares[number]:.3g} %"
+        axes.plot([], [], "s", color=shade, alpha=_PLANE, label=label_text)
+    axes.pcolormesh(*grids, colours.transpose(1, 0, 2), shading="nearest", alpha=_PLANE)
+    axes.set(xlabel=names[0], ylabel=names[1])
+    axes.grid(visible=False)
 
 
 def basins_figure(result: Basins) -> Figure:

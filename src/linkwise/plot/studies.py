@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from itertools import cycle
 from string import ascii_lowercase
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,10 +18,12 @@ from linkwise.plot.style import (
     MEASURED,
     SERIES,
     WELL,
+    On,
     axes_for,
     label,
     literal,
     log_scale,
+    picture,
     pictures,
     sheet,
 )
@@ -37,14 +39,15 @@ CurveStyle = Mapping[str, Any]
 """How the curve of a method is drawn, as keywords of `Axes.plot`; without a marker it stands behind others, with no spread."""
 
 
+@picture()
 def study(
+    axes: Axes,
     result: StudySummary | Iterable[Row],
     quantity: str = "nmse",
     *,
     snr_db: float | None = None,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+    **on: Unpack[On],
+) -> None:
     """Draw the error, or the time, of every method of a study over its structures.
 
     A curve joins the medians over seeds; a band around it covers their 5 to 95 % quantiles, a failed case counting as worse
@@ -89,10 +92,8 @@ def study(
     if level not in table.decibels:
         levels = ", ".join(f"{decibel:g}" for decibel in table.decibels)
         raise StudyError(f"no cell at {level:g} dB; choose from {levels} dB")
-    with axes_for(ax, legend=legend) as axes:
-        draw_curves(axes, table, level, quantity, curve_styles(table.methods))
-        axes.set_title(f"{level:g} dB")
-    return axes
+    draw_curves(axes, table, level, quantity, curve_styles(table.methods))
+    axes.set_title(f"{level:g} dB")
 
 
 def accuracy_figure(result: StudySummary | Iterable[Row]) -> Figure:

@@ -10,11 +10,13 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from types import NoneType
-from typing import Any, Final, Literal
+from typing import Any, Concatenate, Final, Literal, ParamSpec, TypedDict
 
 import numpy as np
 from matplotlib import rc_context
@@ -146,6 +148,49 @@ def axes_for(
         yield axes
         if legend and axes.get_legend_handles_labels()[0]:
             axes.legend()
+
+
+P = ParamSpec("P")
+_KEYWORD = Parameter.KEYWORD_ONLY
+
+
+class On(TypedDict, total=False):
+    """Where a picture is drawn: on axes, by default those of a new figure, and whether they get a legend, which is usual."""
+
+    legend: bool
+    ax: Axes | None
+
+
+def picture(
+    *, width: float = 6.3, height: float = 3.6
+) -> Callable[[Callable[Concatenate[Axes, P], None]], Callable[P, Axes]]:
+    """A decorator that makes of what draws on axes, its first argument, a function with the keywords of `On`.
+
+    It returns the axes; a new figure is of `width` by `height` inches.
+    """
+
+    def decorate(draw: Callable[Concatenate[Axes, P], None]) -> Callable[P, Axes]:
+        own = list(signature(draw).parameters.values())[1:-1]
+        where = {"legend": (True, "bool"), "ax": (None, "Axes | None")}
+        keywords = [
+            Parameter(key, _KEYWORD, default=usual, annotation=of) for key, (usual, of) in where.items()
+        ]
+        public = Signature([*own, *keywords], return_annotation="Axes")
+
+        @wraps(draw)
+        def drawn(*arguments: P.args, **keywords: P.kwargs) -> Axes:
+            public.bind(*arguments, **keywords)  # a keyword that is none would be taken for one of `On`
+            rest: Any = keywords
+            with axes_for(
+                rest.pop("ax", None), legend=rest.pop("legend", True), width=width, height=height
+            ) as axes:
+                draw(axes, *arguments, **rest)
+            return axes
+
+        vars(drawn)["__signature__"] = public
+        return drawn
+
+    return decorate
 
 
 def place_of(kind: str, name: str | None, names: Sequence[str]) -> int:

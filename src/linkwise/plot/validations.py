@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,12 +17,14 @@ from linkwise.plot.style import (
     MEASURED,
     VISITED,
     WELL,
+    On,
     axes_for,
     envelope,
     literal,
     log_scale,
     not_shown,
     over_time,
+    picture,
     scale,
     sheet,
     strips,
@@ -30,7 +33,8 @@ from linkwise.plot.style import (
 _MOST = 6  # channels that still can be read on one page
 
 
-def prediction(validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+@picture()
+def prediction(axes: Axes, validation: Validation, channel: str, **on: Unpack[On]) -> None:
     """Draw a channel as measured and as predicted over time.
 
     Parameters
@@ -65,16 +69,13 @@ def prediction(validation: Validation, channel: str, *, legend: bool = True, ax:
     record = validation.record
     measured, predicted = record.channel(channel), validation.predicted.channel(channel)
     factor, unit = scale(measured, validation.channels[channel].unit)
-    with axes_for(ax, legend=legend) as axes:
-        axes.plot(*envelope(record.time, measured * factor), color=MEASURED, lw=1.6, label="measured")
-        axes.plot(*envelope(record.time, predicted * factor), color=IDENTIFIED, lw=0.7, label="predicted")
-        _frame_over_time(axes, validation, f"{literal(channel)}\n{unit}")
-    return axes
+    axes.plot(*envelope(record.time, measured * factor), color=MEASURED, lw=1.6, label="measured")
+    axes.plot(*envelope(record.time, predicted * factor), color=IDENTIFIED, lw=0.7, label="predicted")
+    _frame_over_time(axes, validation, f"{literal(channel)}\n{unit}")
 
 
-def prediction_error(
-    validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture()
+def prediction_error(axes: Axes, validation: Validation, channel: str, **on: Unpack[On]) -> None:
     """Draw measured less predicted over time, on a band of twice its expected standard deviation.
 
     Parameters
@@ -112,14 +113,12 @@ def prediction_error(
     largest = float(np.nanmax(np.abs(error), initial=0.0))
     factor, unit = scale(largest, validation.channels[channel].unit)
     time, upper = envelope(record.time, 2.0 * deviation * factor)
-    with axes_for(ax, legend=legend) as axes:
-        for side in (-upper, upper):
-            axes.plot(time, side, color=WELL, lw=0.8, zorder=4, label="expected, 2 deviations")
-        axes.plot(*envelope(record.time, error * factor), color=IDENTIFIED, lw=0.5, zorder=3, label="error")
-        _frame_over_time(axes, validation, f"{literal(channel)}\n{unit}")
-        span = 1.15 * max(largest * factor, float(np.nanmedian(upper)))
-        axes.set_ylim(-span, span)
-    return axes
+    for side in (-upper, upper):
+        axes.plot(time, side, color=WELL, lw=0.8, zorder=4, label="expected, 2 deviations")
+    axes.plot(*envelope(record.time, error * factor), color=IDENTIFIED, lw=0.5, zorder=3, label="error")
+    _frame_over_time(axes, validation, f"{literal(channel)}\n{unit}")
+    span = 1.15 * max(largest * factor, float(np.nanmedian(upper)))
+    axes.set_ylim(-span, span)
 
 
 def prediction_figure(validation: Validation) -> Figure:
@@ -190,9 +189,8 @@ def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None
     return axes
 
 
-def prediction_spectrum(
-    validation: Validation, channel: str, *, legend: bool = True, ax: Axes | None = None
-) -> Axes:
+@picture()
+def prediction_spectrum(axes: Axes, validation: Validation, channel: str, **on: Unpack[On]) -> None:
     """Draw the power spectral density of a channel and of the error of its prediction.
 
     Parameters
@@ -229,15 +227,13 @@ def prediction_spectrum(
     noise = 2.0 * score.noise**2 / validation.record.rate
     factor, unit = scale(validation.record.channel(channel), score.unit)
     power = f"{unit}²" if unit.isalpha() else f"({unit})²"
-    with axes_for(ax, legend=legend) as axes:
-        axes.plot(spectrum.frequency, factor**2 * spectrum.measured, color=MEASURED, lw=1.4, label="measured")
-        axes.plot(spectrum.frequency, factor**2 * spectrum.error, color=IDENTIFIED, lw=1.0, label="error")
-        axes.axhline(factor**2 * noise, color=WELL, ls=(0, (4, 3)), lw=1.0, label="noise")
-        log_scale(axes, "y")
-        axes.set(xlim=spectrum.frequency[[1, -1]], xlabel="frequency, Hz")
-        log_scale(axes, "x")
-        axes.set_ylabel(f"{literal(channel)}, {power}/Hz")
-    return axes
+    axes.plot(spectrum.frequency, factor**2 * spectrum.measured, color=MEASURED, lw=1.4, label="measured")
+    axes.plot(spectrum.frequency, factor**2 * spectrum.error, color=IDENTIFIED, lw=1.0, label="error")
+    axes.axhline(factor**2 * noise, color=WELL, ls=(0, (4, 3)), lw=1.0, label="noise")
+    log_scale(axes, "y")
+    axes.set(xlim=spectrum.frequency[[1, -1]], xlabel="frequency, Hz")
+    log_scale(axes, "x")
+    axes.set_ylabel(f"{literal(channel)}, {power}/Hz")
 
 
 def prediction_profile_figure(validation: Validation) -> Figure:

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from statistics import median
 from typing import Any
@@ -31,10 +31,7 @@ REPEATED = (INTERNAL_ERROR, WORKER_DIED)  # the cases of such rows are run again
 _ALL = ("x", "v", "a")
 # beside the seed: the stream of what is known to within, the noise being drawn from the seed alone
 _PRIOR = 1
-_KEYS = (
-    "name", "toml", "duration", "rate", "release", "impulse", "forces", "base", "sensors", "unknown", "judge", "scatter",
-    "frequency",
-)  # fmt: skip
+_IN_FILE = {"structure": "toml", "impulses": "impulse"}  # fields under other names
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,9 +239,9 @@ class Subject:
         dict
             Plain data, for TOML or JSON.
         """
-        impulses = list(map(asdict, self.impulses))
-        own = {**vars(self), "toml": format_structure(self.structure), "impulse": impulses}
-        stated = {key: own[key] for key in _KEYS if own[key] is not None}
+        own = {_IN_FILE.get(one.name, one.name): getattr(self, one.name) for one in fields(self)}
+        own |= {"toml": format_structure(self.structure), "impulse": list(map(asdict, self.impulses))}
+        stated = {key: value for key, value in own.items() if value is not None}
         document: dict[str, Any] = json.loads(json.dumps(stated, default=_plain))
         return document
 
