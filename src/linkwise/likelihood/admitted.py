@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar
 
-from linkwise.estimates.causes import CLOCK, GAIN_DRIFT, Cause
-from linkwise.likelihood.checks.judgement import LARGEST_SHIFT
+from linkwise.estimates.causes import CLOCK, Cause
 from linkwise.likelihood.delays import Search, with_delays
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import (
@@ -16,7 +15,6 @@ from linkwise.likelihood.options import (
     require_known_kinds,
     with_error,
 )
-from linkwise.likelihood.tests.diagnosis import DISTINCT
 from linkwise.records.record import Record
 
 
@@ -57,20 +55,12 @@ def answer_with_sensors(
 
 
 def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
-    """The first error of a sensor or a force in a diagnosis that can be estimated; None where others explain as much."""
+    """The first error of a sensor or a force in a diagnosis that can be estimated; None where others explain as much, with
+    which coefficients would change otherwise.
+    """
     instruments = [cause for cause in diagnosis if cause.is_instrument and cause.kind != "input noise"]
     if not instruments or not is_admissible(instruments[0]):
         return None
     first = instruments[0]
     is_late = first.kind.endswith(("delay", CLOCK))
-    rivals = (cause for cause in diagnosis if cause is not first)
-    return None if not is_late and any(are_rivals(first, rival) for rival in rivals) else first
-
-
-def are_rivals(first: Cause, second: Cause) -> bool:
-    """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass, or
-    from a term that leaves other coefficients, as one that is even is like an offset of a displacement.
-    """
-    kinds = ("mass", GAIN_DRIFT, *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
-    of_laws = not second.is_instrument and max(first.shift, second.shift) > LARGEST_SHIFT
-    return (of_laws or second.kind in kinds) and second.gain > first.gain - DISTINCT
+    return None if not is_late and any(rival.name in first.rivals for rival in diagnosis) else first

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from math import inf, isinf
 from typing import TypeAlias
 
@@ -48,10 +49,10 @@ def with_delays(
     for delay in of_kind(options.errors, Delay) if alike else ():
         if isinf(delay.deviation) and not delay.near:
             best = _at_best_shift(best, delay.channel)
-    return best.fit, best.shifts.of(best.late)
+    return best.fit, best.shown
 
 
-def _on_one_clock(search: Search, records: Sequence[Record], options: LikelihoodOptions) -> _ShiftedFit:
+def _on_one_clock(search: Search, records: Sequence[Record], options: LikelihoodOptions) -> _Shifted:
     """The fit at settled delays, in records out of which the ratios and delays of clocks are taken that it finds.
 
     What a fit finds of them is small then, as its first order takes it for.
@@ -65,7 +66,7 @@ def _on_one_clock(search: Search, records: Sequence[Record], options: Likelihood
         slips = {name: ppm for clock in clocks for name, ppm in clock.late.items()}
         taken = {one.channel: one.taken_out for one in delays if one.taken_out}
         own = [without_delays(record, taken, clocks=slips) for record in records]
-        best = _settled(_Shifts(search, own, options), late)
+        best = _settled(_Shifted(search, own, options, late, {}))
         found = {clock: best.fit.size_of(clock) for clock in clocks if clock.ratio is None}
         left = best.fit.delays
         sizes: dict[Term, float] = {
@@ -93,39 +94,36 @@ def _on_one_clock(search: Search, records: Sequence[Record], options: Likelihood
 
 
 @dataclass(frozen=True, eq=False)
-class _Shifts:
-    """A search in records of which channels are shifted by whole samples, and the fits `known` by these."""
+class _Shifted:
+    """Records of which channels that are `late` by whole samples are shifted, and the fits by `search` that are `known` by
+    these.
+    """
 
     search: Search
     records: Sequence[Record]
     options: LikelihoodOptions
-    known: dict[tuple[int, ...], LikelihoodFit] = field(default_factory=dict)
+    late: Mapping[str, int]
+    known: dict[tuple[int, ...], LikelihoodFit]
 
     @property
     def step(self) -> float:
         return self.records[0].step
 
-    def of(self, late: Mapping[str, int]) -> list[Record]:
-        return [_shifted(record, late) for record in self.records]
+    @property
+    def shown(self) -> list[Record]:
+        """The records as they are fitted."""
+        return [_shifted(record, self.late) for record in self.records]
 
-    def fitted(self, late: Mapping[str, int]) -> _ShiftedFit:
-        shift = tuple(late.values())
+    @property
+    def fit(self) -> LikelihoodFit:
+        shift = tuple(self.late.values())
         if shift not in self.known:
             errors = tuple(
-                one.taking_out(late[one.channel] * self.step) if isinstance(one, Delay) else one
+                one.taking_out(self.late[one.channel] * self.step) if isinstance(one, Delay) else one
                 for one in self.options.errors
             )
-            self.known[shift] = self.search(self.of(late), replace(self.options, errors=errors))
-        return _ShiftedFit(self, late, self.known[shift])
-
-
-@dataclass(frozen=True, eq=False)
-class _ShiftedFit:
-    """A fit with channels that are `late` by whole samples shifted."""
-
-    shifts: _Shifts
-    late: Mapping[str, int]
-    fit: LikelihoodFit
+            self.known[shift] = self.search(self.shown, replace(self.options, errors=errors))
+        return self.known[shift]
 
     @property
     def is_last(self) -> bool:
@@ -137,52 +135,49 @@ class _ShiftedFit:
         """By which fits at other shifts are ordered; a model error says little, as it depends on the noise beside it."""
         return not self.is_last, self.fit.chi_square
 
-    def beside(self, name: str, samples: int) -> _ShiftedFit | None:
-        """The fit with a channel shifted by some samples more; None where there is none, as the motion runs to infinity."""
-        try:
-            return self.shifts.fitted({**self.late, name: self.late[name] + samples})
-        except IdentificationError:
-            return None
+    def beside(self, more: Mapping[str, int]) -> _Shifted:
+        """With channels that are late by some samples more."""
+        return replace(self, late={**self.late, **{name: self.late[name] + more[name] for name in more}})
 
 
-def _settled(shifts: _Shifts, late: Mapping[str, int]) -> _ShiftedFit:
-    """The fit at shifts beside which delays are parts of a sample."""
+def _settled(shifted: _Shifted) -> _Shifted:
+    """The shifts beside which delays are parts of a sample."""
     moved: dict[str, int] = {}
     for _ in range(_SHIFTS):
-        shifted = shifts.fitted(late)
         moved = {
-            name: round(delay / shifts.step)
+            name: round(delay / shifted.step)
             for name, delay in shifted.fit.delays.items()
-            if abs(delay) > _WHOLE * shifts.step
+            if abs(delay) > _WHOLE * shifted.step
         }
         if not moved or shifted.fit.interrupted:
             return shifted
-        if len({record.rate for record in shifts.records}) > 1:
+        if len({record.rate for record in shifted.records}) > 1:
             raise IdentificationError(
                 f"{next(iter(moved))} is late by more than a sample, which cannot be found from records of different "
                 f"rates together: find it from one of them, and remove it from all (without_delays)"
             )
-        late = {**late, **{name: late[name] + samples for name, samples in moved.items()}}
+        shifted = shifted.beside(moved)
     raise IdentificationError(
         f"the delay of {', '.join(moved)} does not settle: {_SHIFTS} fits, each shifted by the last one's delay, do not "
         "agree. Estimate it from signals that move together (inspect), and take it out (without_delays)"
     )
 
 
-def _at_best_shift(shifted: _ShiftedFit, name: str) -> _ShiftedFit:
-    """The fit at the shift of a channel beside which no other explains the records better."""
+def _at_best_shift(shifted: _Shifted, name: str) -> _Shifted:
+    """The shift of a channel beside which no other explains the records better."""
     best = shifted
     for _ in range(_SHIFTS):
         nearest = best
-        for samples in () if best.is_last else _BY:
-            neighbour = None if nearest.is_last else best.beside(name, samples)
-            if neighbour is not None and neighbour.misfit < nearest.misfit:
-                nearest = neighbour
+        for samples in _BY:
+            neighbour = best.beside({name: samples})
+            with suppress(IdentificationError):  # the motion runs to infinity
+                if not nearest.is_last and neighbour.misfit < nearest.misfit:
+                    nearest = neighbour
         if nearest is best:
             break
         best = nearest
     # at the end of their range delays have no errors, and another shift stands for them
-    is_optimum = all(abs(delay) <= _BESIDE * best.shifts.step for delay in best.fit.delays.values())
+    is_optimum = all(abs(delay) <= _BESIDE * best.step for delay in best.fit.delays.values())
     return best if best.is_last or is_optimum else shifted
 
 

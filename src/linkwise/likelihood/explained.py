@@ -37,7 +37,7 @@ from linkwise.estimates.causes import (
 )
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
-from linkwise.likelihood.admitted import are_rivals, distinct_error
+from linkwise.likelihood.admitted import distinct_error
 from linkwise.likelihood.checks.recording import (
     EXCHANGES,
     copied_samples,
@@ -725,7 +725,9 @@ def _first_error(model: _Model) -> _Rung | None:
     if options.random and first.kind.endswith("delay"):
         return None  # delays are not estimated then
     if first.kind == CLOCK:  # that of an input counts as right
-        alike = [cause for cause in current.diagnosis if cause.kind == CLOCK and are_rivals(first, cause)]
+        alike = [
+            cause for cause in current.diagnosis if cause.kind == CLOCK and cause.gain > first.gain - DISTINCT
+        ]
         of_sensors = [cause for cause in alike if cause.where not in records[0].inputs] or alike
         rivals = dict.fromkeys(cause.where for cause in (*of_sensors, *alike))
         if len(records[0].channels) == 2:  # of which none outvotes the other
@@ -746,7 +748,7 @@ def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...
     first = next(iter(diagnosis), None)
     if first is None or first.kind != "gain" or abs(first.size) > _CALIBRATED:
         return ()
-    if any(cause.kind == GAIN_DRIFT and are_rivals(first, cause) for cause in diagnosis):
+    if any(cause.kind == GAIN_DRIFT and cause.gain > first.gain - DISTINCT for cause in diagnosis):
         return ()
     if first.where not in record.responses or (len(record.responses) == 1 and record.inputs):
         return ()

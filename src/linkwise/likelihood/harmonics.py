@@ -309,8 +309,7 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
             own = rows[:, ends[number] * per_segment : ends[number + 1] * per_segment]
             rate = record.rate * per_segment / samples
             size = max(round(rate / spacing), own.shape[1])
-            power = np.abs(np.fft.rfft(np.nan_to_num(own) * np.hanning(own.shape[1]), size)) ** 2
-            row, at, ratio = _above_level(power)
+            row, at, ratio = _above_level(_spectrum(own, size))
             frequency = at * rate / size
             # at whose multiples a drift shows as well, as motion begins anew in each segment
             nodes = record.rate / samples
@@ -330,10 +329,8 @@ def _lines_of_motion(records: Sequence[Record]) -> list[_Line]:
         shown = np.nan_to_num(record.select(record.responses).values[len(record) // 2 :].T)
         shown -= shown.mean(axis=1, keepdims=True)
         size, middle = round(record.duration * record.rate / _STEP), shown.shape[1] // 2
-        power, before, after = (
-            np.abs(np.fft.rfft(part * np.hanning(part.shape[1]), size)) ** 2
-            for part in (shown, shown[:, :middle], shown[:, middle:])
-        )
+        parts = shown, shown[:, :middle], shown[:, middle:]
+        power, before, after = (_spectrum(part, size) for part in parts)
         row, at, ratio = _above_level(power)
         is_line = np.zeros(power.shape, dtype=bool)
         is_line[row[ratio >= _ABOVE], at[ratio >= _ABOVE]] = True
@@ -349,14 +346,16 @@ def _lines_of_motion(records: Sequence[Record]) -> list[_Line]:
 def _lines_of_inputs(records: Sequence[Record]) -> Floats:
     """Frequencies in Hz at which inputs have lines."""
     found = [np.empty(0)]
-    for record in records:
-        values = np.nan_to_num(record.select(record.inputs).values.T) if record.inputs else np.empty((0, 2))
+    for record in records if records[0].inputs else ():
         size = round(record.duration * record.rate / _STEP)
-        power = np.abs(np.fft.rfft(values * np.hanning(values.shape[1]), size)) ** 2
-        if len(power):
-            _, at, ratio = _above_level(power)
-            found.append(at[ratio >= _ABOVE] * record.rate / size)
+        _, at, ratio = _above_level(_spectrum(record.select(record.inputs).values.T, size))
+        found.append(at[ratio >= _ABOVE] * record.rate / size)
     return np.concatenate(found)
+
+
+def _spectrum(series: Floats, size: int) -> Floats:
+    """(R, F) powers of series (R, N) behind a window, at the frequencies of `size` samples; those that are missing are 0."""
+    return np.asarray(np.abs(np.fft.rfft(np.nan_to_num(series) * np.hanning(series.shape[1]), size)) ** 2)
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -367,15 +366,21 @@ def _refined(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]
         near = frequency + spacing * width * np.arange(-steps, steps + 1)
         tried = [HarmonicForce.on(mass, float(hz), structure) for mass in masses for hz in near]
         try:
-            parts = at_once(len(tried), 4 * fit.optimum.segments.samples[:, 0].size * len(records))
-            unknowns = (_Unknowns.of(fit, fit.optimum, records, tried[part]) for part in parts)
-            alone = (_each_alone(some.information, some.score, 2 * len(records)) for some in unknowns)
-            gains = np.concatenate([gains for gains, _ in alone])
+            best = _likeliest(fit, fit.optimum, records, tried)
         except np.linalg.LinAlgError:
             return line
-        best = tried[int(np.argmax(gains))]
         masses, frequency = (best.mass,), best.frequency
     return replace(line, frequency=frequency)
+
+
+def _likeliest(
+    fit: LikelihoodFit, optimum: Optimum, records: Sequence[Record], tried: Sequence[HarmonicForce]
+) -> HarmonicForce:
+    """The force that alone explains most of what a fit leaves."""
+    parts = at_once(len(tried), 4 * optimum.segments.samples[:, 0].size * len(records))
+    unknowns = (_Unknowns.of(fit, optimum, records, tried[part]) for part in parts)
+    alone = (_each_alone(some.information, some.score, 2 * len(records)) for some in unknowns)
+    return tried[int(np.argmax(np.concatenate([gains for gains, _ in alone])))]
 
 
 def _highest(found: Floats, duration: float) -> Iterator[_Line]:
@@ -443,10 +448,7 @@ def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce
     tried = [replace(force, frequency=float(one)) for one in frequencies if one > 4.0 * spacing]
     longer = in_longer_segments(fit)
     optimum = longer if tells_time(longer.segments, records) else fit.optimum
-    unknowns = _Unknowns.of(fit, optimum, records, tried)
-    gains, _ = _each_alone(unknowns.information, unknowns.score, 2 * len(records))
-    best = tried[int(np.argmax(gains))]
-    return replace(best, amplitudes=((0.0, 0.0),) * len(records))
+    return replace(_likeliest(fit, optimum, records, tried), amplitudes=((0.0, 0.0),) * len(records))
 
 
 def _eliminated(fit: LikelihoodFit, quadratic: Quadratic) -> tuple[Floats, Floats, Floats]:

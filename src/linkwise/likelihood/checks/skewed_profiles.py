@@ -16,11 +16,11 @@ M. K. Transtrum and J. P. Sethna, arXiv:1201.5885 (2012), for the acceleration b
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Floats
 from linkwise.display import enumerated
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95
@@ -28,9 +28,7 @@ from linkwise.likelihood.checks.judgement import SKEWED, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.optima.other_optima import along_profile, is_loosened, rises_by, with_faint_modes
 from linkwise.likelihood.optima.profiles import Profile
-from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.minimise import pull_of_defects
-from linkwise.likelihood.shooting.normal_equations import FactoredModel
 from linkwise.likelihood.tests.diagnosis import TestedCauses
 from linkwise.likelihood.tests.variances import free_of_bounds
 from linkwise.verdict import Verdict
@@ -133,91 +131,53 @@ def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
     return reach if np.isfinite(reach) and profile.lowest >= _LOWER else None
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a motion that runs away bends without end
 def _accelerations(fit: LikelihoodFit, tested: TestedCauses | None) -> dict[int, float]:
     """Accelerations along their own profiles, in standard errors, of the parameters that may have large ones.
 
-    Those that have none of a move along the profiles of all are left out.
+    Those that have none of a move along the profiles of all are left out; all of long records in pieces, and where the model
+    in which causes were `tested` is singular.
     """
-    profiles = _Profiles.of(fit, tested)
-    if profiles is None:
+    if tested is None or tested.quadratic.model is None:
         return {}
-    free = np.flatnonzero(fit.free)
-    along = profiles.acceleration(profiles.along_all(free), len(free) ** -0.5)
-    return {
-        number: float(profiles.acceleration(profiles.tangents[number], 1.0)[number])
-        for number in free[~(np.abs(along[free]) < _SKEWED)].tolist()
-    }
+    optimum, model = tested.longer, tested.quadratic.model
+    misfit, point, schur, free = optimum.misfit, optimum.point, model.factor.schur, free_of_bounds(fit)
+    covariance, none = np.zeros_like(schur), np.zeros(len(schur), dtype=bool)
+    still = model.factor.solve(none)
+    try:
+        covariance[np.ix_(free, free)] = np.linalg.inv(schur[np.ix_(free, free)])
+    except np.linalg.LinAlgError:
+        return {}
+    errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    if still is None or not (np.isfinite(errors).all() and (errors[free] > 0.0).all()):
+        return {}
+    units = np.where(free, errors, 1.0)
+    profiles = (
+        covariance / units[:, None]
+    )  # moves of the scaled border along that of each, by one standard error
 
-
-@dataclass(frozen=True, eq=False)
-class _Profiles:
-    """Profiles of the unknowns of the border, to second order.
-
-    Attributes
-    ----------
-    optimum, misfit : Optimum, Misfit
-        The optimum in segments of any length.
-    model : FactoredModel
-        The linearised equations there.
-    gradient : array of shape (K, m)
-        The step of the nodes that is left.
-    covariance, units, tangents : array of shape (P, P), (P,) and (P, P)
-        Covariance and standard errors of the scaled border, 1 of those at a bound, and its move along the profile of each by
-        one standard error.
-    """
-
-    optimum: Optimum
-    model: FactoredModel
-    gradient: Floats
-    covariance: Floats
-    units: Floats
-    tangents: Floats
-
-    @classmethod
-    def of(cls, fit: LikelihoodFit, tested: TestedCauses | None) -> _Profiles | None:
-        """Those of a fit, by the model in which causes were `tested`; None of long records in pieces, and where it is
-        singular.
-        """
-        if tested is None or tested.quadratic.model is None:
-            return None
-        optimum, model = tested.longer, tested.quadratic.model
-        schur, free = model.factor.schur, free_of_bounds(fit)
-        covariance = np.zeros_like(schur)
-        still = model.factor.solve(np.zeros(len(schur), dtype=bool))
-        try:
-            covariance[np.ix_(free, free)] = np.linalg.inv(schur[np.ix_(free, free)])
-        except np.linalg.LinAlgError:
-            return None
-        errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-        if still is None or not (np.isfinite(errors).all() and (errors[free] > 0.0).all()):
-            return None
-        units = np.where(free, errors, 1.0)
-        return cls(optimum, model, still[0], covariance, units, covariance / units[:, None])
-
-    def along_all(self, unknowns: Indices) -> Floats:
-        """(P,) a move along the profiles of some unknowns at once, with signs by which none takes a part of another back."""
-        move: Floats = self.tangents[unknowns[0]].copy()
-        for number in unknowns[1:].tolist():
-            move += np.copysign(1.0, move[number]) * self.tangents[number]
-        return move
-
-    @np.errstate(over="ignore", invalid="ignore")  # a motion that runs away bends without end
-    def acceleration(self, border: Floats, length: float) -> Floats:
+    def acceleration(border: Floats, length: float) -> Floats:
         """(P,) second derivatives of the border, in standard errors, by a move of it (P,) that the nodes follow.
 
         They are differences over a `length` of the move.
         """
-        optimum, misfit, factor = self.optimum, self.optimum.misfit, self.model.factor
-        solved = factor.solve(np.zeros(len(border), dtype=bool), border)
+        solved = model.factor.solve(none, border)
         assert solved is not None  # which was solved before
-        nodes = ((solved[0] - self.gradient) * optimum.scales.state).T
+        nodes = ((solved[0] - still[0]) * optimum.scales.state).T
         moved = border * optimum.scales.theta
-        point = misfit.point
         both = [
             misfit.at(point.moved(point.nodes + part * nodes, point.border + part * moved)).defects
             for part in (length, -length)
         ]
         bent = (both[0] + both[1] - 2.0 * misfit.defects) / length**2
-        pull = pull_of_defects(self.model.linear, bent.reshape(len(nodes), -1).T / optimum.q**2)
-        change = factor.moved(*pull).reduced - factor.reduced
-        return np.asarray(self.covariance @ change / self.units, dtype=float)
+        pull = pull_of_defects(model.linear, bent.reshape(len(nodes), -1).T / optimum.q**2)
+        change = model.factor.moved(*pull).reduced - model.factor.reduced
+        return np.asarray(covariance @ change / units, dtype=float)
+
+    numbers = np.flatnonzero(fit.free)
+    of_all: Floats = profiles[numbers[0]].copy()
+    for number in numbers[1:].tolist():  # with signs by which none takes a part of another back
+        of_all += np.copysign(1.0, of_all[number]) * profiles[number]
+    along = acceleration(of_all, len(numbers) ** -0.5)
+    skewed = numbers[~(np.abs(along[numbers]) < _SKEWED)].tolist()
+    return {number: float(acceleration(profiles[number], 1.0)[number]) for number in skewed}

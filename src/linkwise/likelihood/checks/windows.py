@@ -8,7 +8,6 @@ nonlinear motion the amplitudes are wrong by then as well, which explains less t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
@@ -35,63 +34,34 @@ _LEAST = 0.7  # logarithm of a half: windows take off more, and noise of sensors
 _SLOWER = 0.9  # times the rate at which the motion decays: what falls as fast as that follows it
 
 
-@dataclass(frozen=True, eq=False)
-class _Levels:
-    """Mean squares of noise and motion (R, B) in blocks of records and channels, of so many samples."""
-
-    noise: Floats
-    motion: Floats
-    samples: Floats
-
-    def costs(self, power: Floats, shape: Floats) -> Floats:
-        """(..., R) -2 log likelihood of mean squares of normal values, of which variances go with shapes (..., R or 1, B)."""
-        scale = np.sum(self.samples * power / shape, axis=-1) / np.sum(self.samples, axis=1)
-        variance = np.maximum(scale[..., None] * shape, np.finfo(float).tiny)
-        return np.asarray(np.sum(self.samples * (np.log(variance) + power / variance), axis=-1))
-
-    def overdispersion(self, shape: Floats) -> float:
-        """By how much levels of noise scatter about a shape more than those of normal values do, at least 1."""
-        scale = np.sum(self.samples * self.noise / shape, axis=1) / np.sum(self.samples, axis=1)
-        return max(
-            1.0, float(np.mean(0.5 * self.samples * (self.noise / (scale[:, None] * shape) - 1.0) ** 2))
-        )
-
-    def by_falls(self, power: Floats) -> Floats:
-        """(F, R) these costs by how much a window takes off."""
-        return self.costs(power, np.exp(-2.0 * _FALLS[:, None, None] * _PART))
-
-    @property
-    def by_growth(self) -> float:
-        """The least cost of noise that grows with the motion."""
-        relative = self.motion / np.mean(self.motion, axis=1, keepdims=True)
-        return float(self.costs(self.noise, 1.0 + _GROWTH[:, None, None] * relative).sum(axis=1).min())
-
-
 def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     """Whether noise falls along records as behind an exponential window, which counts as damping of a motion that decays."""
     fit, records = of.fit, of.records
     shows_noise = fit.chi_square > _ROUNDING and not fit.random_forces and fit.optimum.coloured is None
-    if before.verdict.grade is Grade.REFUSED or not shows_noise:
-        return None
-    levels = _levels(fit, records)
+    levels = _levels(fit, records) if before.verdict.grade is not Grade.REFUSED and shows_noise else None
     if levels is None:
         return None
-    of_each = levels.by_falls(levels.noise)
+    samples, noise, motion = levels
+    fallen = np.exp(-2.0 * _FALLS[:, None, None] * _PART)
+    of_each = _costs(samples, noise, fallen)
     costs = of_each.sum(axis=1)
     best = int(np.argmin(costs))
-    scatter = levels.overdispersion(np.exp(-2.0 * _FALLS[best] * _PART))
+    # by how much levels scatter about the shape more than those of normal values do
+    relative = noise / (_scale(samples, noise, fallen[best])[:, None] * fallen[best])
+    scatter = max(1.0, float(np.mean(0.5 * samples * (relative - 1.0) ** 2)))
     gain = float(costs[0] - costs[best]) / scatter
     # laws that lack a term leave more at its motion
     least = max((_CHANCE, *(cause.gain for cause in before.diagnosis)))
     if gain < least or _FALLS[best] < _LEAST:
         return None
-    follows = _FALLS[best] > _SLOWER * _FALLS[int(np.argmin(levels.by_falls(levels.motion).sum(axis=1)))]
-    apart = max(len(of_each.T) - 1, 1)  # a window falls in all channels alike
+    follows = _FALLS[best] > _SLOWER * _FALLS[int(np.argmin(_costs(samples, motion, fallen).sum(axis=1)))]
+    apart = max(len(samples) - 1, 1)  # a window falls in all channels alike
     by_each = float(of_each.min(axis=0).sum()) + chdtri(apart, _BY_CHANCE) * scatter
-    rival = min(levels.by_growth + _LIKELIER * scatter, by_each)
-    if follows or rival < costs[best]:
+    grown = 1.0 + _GROWTH[:, None, None] * motion / np.mean(motion, axis=1, keepdims=True)
+    by_growth = float(_costs(samples, noise, grown).sum(axis=1).min()) + _LIKELIER * scatter
+    if follows or min(by_growth, by_each) < costs[best]:
         return None
-    error = np.sqrt(scatter / np.sum(2.0 * levels.samples * (_PART - 0.5) ** 2))
+    error = np.sqrt(scatter / np.sum(2.0 * samples * (_PART - 0.5) ** 2))
     rate = float(_FALLS[best] / records[0].duration)
     cause = Cause(WINDOW, "all channels", rate, "1/s", gain, float(error / records[0].duration))
     message = (
@@ -101,18 +71,28 @@ def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     return Judgement(Verdict.MEASUREMENT_ERROR, message, before.model_error, (cause,))
 
 
-def _levels(fit: LikelihoodFit, records: Sequence[Record]) -> _Levels | None:
-    """Those of the channels of records that are observed in all blocks; None without any, and where segments do not follow
-    each other.
+def _scale(samples: Floats, power: Floats, shape: Floats) -> Floats:
+    """(..., R) the variances of normal values that go with shapes (..., R or 1, B), by mean squares (R, B) of some samples."""
+    return np.asarray(np.sum(samples * power / shape, axis=-1) / np.sum(samples, axis=1))
+
+
+def _costs(samples: Floats, power: Floats, shape: Floats) -> Floats:
+    """(..., R) their -2 log likelihood."""
+    variance = np.maximum(_scale(samples, power, shape)[..., None] * shape, np.finfo(float).tiny)
+    return np.asarray(np.sum(samples * (np.log(variance) + power / variance), axis=-1))
+
+
+def _levels(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[Floats, Floats, Floats] | None:
+    """Numbers of samples in blocks (R, B) of records and channels, and mean squares of noise and motion there, where all
+    blocks of a channel are observed; None without any, and where segments do not follow each other.
     """
     segments = fit.segments
     counts = [-(-len(record) // len(segments.samples)) for record in records]
     if segments.count != sum(counts) or min(counts) < _BLOCKS:
         return None
-    firsts = np.cumsum([0, *counts[:-1]])
     edges = [
         first + np.linspace(0, n, _BLOCKS + 1).astype(int)[:-1]
-        for first, n in zip(firsts, counts, strict=True)
+        for first, n in zip(np.cumsum([0, *counts[:-1]]), counts, strict=True)
     ]
     size, noise, motion = (
         np.add.reduceat(of.sum(axis=0, dtype=float), np.concatenate(edges), axis=1).reshape(-1, _BLOCKS)
@@ -120,4 +100,4 @@ def _levels(fit: LikelihoodFit, records: Sequence[Record]) -> _Levels | None:
     )
     shown = (size > 0.0).all(axis=1)
     size = size[shown]
-    return _Levels(noise[shown] / size, motion[shown] / size, size) if len(size) else None
+    return (size, noise[shown] / size, motion[shown] / size) if len(size) else None
