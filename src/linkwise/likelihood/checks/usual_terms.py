@@ -18,13 +18,14 @@ could hold what no test of the records sees; it is reported instead. Stated mass
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 import scipy
 
 from linkwise.arrays import Floats, Indices
 from linkwise.display import enumerated
-from linkwise.estimates.causes import UnseenTerm
+from linkwise.estimates.causes import GAIN_DRIFT, UnseenTerm
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.checks.judgement import LARGEST_SHIFT
 from linkwise.likelihood.fit import LikelihoodFit
@@ -179,10 +180,19 @@ _NEGLIGIBLE = 0.01
 gain of an accelerometer is known to 1 % as a rule."""
 
 
+_LARGEST_DRIFT = 0.05
+"""Of a gain, along a record: what one drifts by at most whose amplifier was not let warm, or whose battery runs down."""
+_REPEATED = (
+    0.002  # of damping, to which no calibration is needed: what free decays of one structure hardly agree to
+)
+
+
 def unseen_terms(
     fit: LikelihoodFit, tested: TestedCauses | None, covariance: Floats, *, terms: bool
 ) -> tuple[UnseenTerm, ...]:
-    """The usual terms, damping between modes and stated masses that the records do not bound well, the farthest move first.
+    """The usual terms, damping between modes, stated masses and gains that drift which the records do not bound well.
+
+    The farthest move comes first.
 
     Parameters
     ----------
@@ -193,30 +203,42 @@ def unseen_terms(
     covariance : array of shape (p, p)
         That of the coefficients as it is reported.
     terms : bool
-        Whether terms are looked for as well as masses: where the fit leaves only noise, without a significant cause.
+        Whether terms are looked for beside masses and drifts: where the fit leaves only noise, without a significant cause.
 
     Returns
     -------
     tuple of UnseenTerm
         Those which, as large as the records let them be, would change a coefficient by more than an interval can hold, and
-        by more than is negligible; of each term the coefficient that it would change most.
+        by more than is negligible; of each the coefficient that it would change most.
     """
     if tested is None:
         return ()
     deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     of_laws = tested.of_laws if terms else np.empty(0, dtype=int)
+    estimated = {term.channel for term in fit.terms if term.kind == GAIN_DRIFT}
+    drifts = tested.which(lambda one: one.kind == GAIN_DRIFT and one.where not in estimated)
     numbers = np.append(of_laws, tested.stated_masses())
-    unseen = (term for term, _ in _bounded(fit, tested, numbers, deviations))
-    return tuple(sorted(unseen, key=lambda term: -term.standard_errors))
+    unseen = chain(
+        _bounded(fit, tested, numbers, deviations),
+        _bounded(fit, tested, drifts, deviations, least=_REPEATED),
+    )
+    return tuple(sorted((term for term, _ in unseen), key=lambda term: -term.standard_errors))
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a candidate that is infinite is not taken
 def _bounded(
-    fit: LikelihoodFit, tested: TestedCauses, numbers: Indices, deviations: Floats, most: float = np.inf
+    fit: LikelihoodFit,
+    tested: TestedCauses,
+    numbers: Indices,
+    deviations: Floats,
+    *,
+    most: float = np.inf,
+    least: float = _NEGLIGIBLE,
 ) -> Iterator[tuple[UnseenTerm, Floats]]:
     """Those of these numbers that change coefficients by more than `deviations` (p,) hold, and the changes (p,) by each.
 
-    Each is as large as the records let it be, and changes the coefficient that it changes farthest by at `most` a part of it.
+    Each is as large as the records let it be, and changes the coefficient that it changes farthest by at `most` a part of it,
+    and one by more than at `least` one.
     """
     if not (len(numbers) and fit.free.any()):
         return
@@ -233,14 +255,14 @@ def _bounded(
         is_told = tests.gains[number] > 0.0  # else the coefficients leave nothing of it, whatever its size
         seen = size + beyond_noise * float(tests.deviations[number]) if is_told else np.inf
         limit = min(seen, largest * whole, most / float(relative[np.argmax(shifts)]))
-        beyond = (limit * shifts > LARGEST_SHIFT) & (limit * relative > _NEGLIGIBLE)
+        beyond = (limit * shifts > LARGEST_SHIFT) & (limit * relative > least)
         if not (np.isfinite(limit) and beyond.any()):
             continue
         farthest = int(np.argmax(np.where(beyond, shifts, 0.0)))
         yield (
             UnseenTerm(
                 link=hypothesis.where,
-                term=MASS if hypothesis.kind == MASS else hypothesis.term or "v",
+                term=hypothesis.kind if hypothesis.kind in (MASS, GAIN_DRIFT) else hypothesis.term or "v",
                 share=float(limit / whole),
                 coefficient=fit.names[farthest],
                 change=float(limit * move[farthest]),
@@ -259,25 +281,44 @@ symmetric law by half of that."""
 _ONE_SIDE = 0.9
 """Of the time, more on one side of d = 0 than on the other: what is seen on both sides tells an asymmetry of itself."""
 
+_RESEMBLES = 2.0
+"""Standard errors of a coefficient: what a term on both sides changes one by, in its size or by one standard error of that,
+beyond which intervals hold both. Wells that are crossed for a part of the record tell an asymmetry so badly that coefficients
+are nine errors off beside a score of one."""
+
 
 def asymmetry(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     """What asymmetry that the records leave open adds to the covariance of a fit that leaves only noise; None where none is.
 
     In one well the rest position and the frequency are two facts, and with a term in d**2 a law has three coefficients for
-    them: the residuals stay noise, and those of a symmetric law are off by many standard errors.
+    them: the residuals stay noise, and those of a symmetric law are off by many standard errors, however small a part of them
+    that is. Of motion on both sides intervals hold a term that coefficients resemble, in its size and the error of that.
     """
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     d, order = fit.misfit.trajectories.links[:, 0], fit.segments.system.order
-    links = tested.structure.links
+    links, tests = tested.structure.links, tested.tests
     on_one_side = {links[k].name for k in order[np.abs(np.sign(d).mean(axis=(0, 2))) > _ONE_SIDE]}
-    open_ones = on_one_side - {link.name for link in links if ASYMMETRY in linear_terms(link)}
-    numbers = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where in open_ones)
-    held = list(_bounded(fit, tested, numbers, deviations, _ASYMMETRY))
+    known = {link.name for link in links if ASYMMETRY in linear_terms(link)}
+    open_ones = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where not in known)
+    where = [tested.hypotheses[k].where for k in open_ones]
+    one_sided = np.isin(where, list(on_one_side))
+    held = [
+        (term.link, change / NORMAL_95)
+        for term, change in _bounded(
+            fit, tested, open_ones[one_sided], deviations, most=_ASYMMETRY, least=0.0
+        )
+    ]
+    scale = fit.optimum.scales.theta[: len(fit.values)]
+    for k in open_ones[~one_sided].tolist():
+        score = float(np.sqrt(tests.gains[k])) / fit.optimum.noise
+        by_error = np.where(fit.free, tests.changes[:, k] * scale / score, 0.0) if score else 0.0 * scale
+        if np.any(max(score, 1.0) * np.abs(by_error) > _RESEMBLES * deviations):
+            held += [(tested.hypotheses[k].where, score * by_error), (tested.hypotheses[k].where, by_error)]
     if not held:
         return None
-    changes = np.column_stack([change / NORMAL_95 for _, change in held])
+    changes = np.column_stack([change for _, change in held])
     return {"asymmetry": changes @ changes.T}, enumerated(
-        [f"a force like {ASYMMETRY} in {term.link}" for term, _ in held]
+        [f"a force like {ASYMMETRY} in {link}" for link in dict(held)]
     )
 
 
@@ -291,5 +332,7 @@ def _wholes(fit: LikelihoodFit, tested: TestedCauses, numbers: Indices) -> Itera
             yield damping[hypothesis.where] / unit, 1.0
         elif hypothesis.kind == MASS:
             yield 1.0 / unit, LARGEST
+        elif hypothesis.kind == GAIN_DRIFT:
+            yield 1.0 / unit, _LARGEST_DRIFT
         else:
             yield forces.get(hypothesis.where, 0.0), np.inf
