@@ -278,47 +278,29 @@ _ASYMMETRY = 0.1
 symmetric law by half of that."""
 
 
-_ONE_SIDE = 0.9
-"""Of the time, more on one side of d = 0 than on the other: what is seen on both sides tells an asymmetry of itself."""
+_OF_WELLS = 0.005
+"""Of a coefficient, the same at least: wells whose forces differ by 1 %, which nobody calls symmetric, move it by that."""
 
 _RESEMBLES = 2.0
-"""Standard errors of a coefficient: what a term on both sides changes one by, in its size or by one standard error of that,
-beyond which intervals hold both. Wells that are crossed for a part of the record tell an asymmetry so badly that coefficients
-are nine errors off beside a score of one."""
+"""Times the change that any answer holds: where wells are crossed for a part of the record, they tell an asymmetry so badly
+that coefficients are nine errors off beside a score of one. Other motion on both sides of d = 0 tells it of itself."""
 
 
 def asymmetry(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     """What asymmetry that the records leave open adds to the covariance of a fit that leaves only noise; None where none is.
 
     In one well the rest position and the frequency are two facts, and with a term in d**2 a law has three coefficients for
-    them: the residuals stay noise, and those of a symmetric law are off by many standard errors, however small a part of them
-    that is. Of motion on both sides intervals hold a term that coefficients resemble, in its size and the error of that.
+    them: the residuals stay noise, and those of a symmetric law are off by many standard errors.
     """
-    deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    d, order = fit.misfit.trajectories.links[:, 0], fit.segments.system.order
-    links, tests = tested.structure.links, tested.tests
-    on_one_side = {links[k].name for k in order[np.abs(np.sign(d).mean(axis=(0, 2))) > _ONE_SIDE]}
-    known = {link.name for link in links if ASYMMETRY in linear_terms(link)}
-    open_ones = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where not in known)
-    where = [tested.hypotheses[k].where for k in open_ones]
-    one_sided = np.isin(where, list(on_one_side))
-    held = [
-        (term.link, change / NORMAL_95)
-        for term, change in _bounded(
-            fit, tested, open_ones[one_sided], deviations, most=_ASYMMETRY, least=0.0
-        )
-    ]
-    scale = fit.optimum.scales.theta[: len(fit.values)]
-    for k in open_ones[~one_sided].tolist():
-        score = float(np.sqrt(tests.gains[k])) / fit.optimum.noise
-        by_error = np.where(fit.free, tests.changes[:, k] * scale / score, 0.0) if score else 0.0 * scale
-        if np.any(max(score, 1.0) * np.abs(by_error) > _RESEMBLES * deviations):
-            held += [(tested.hypotheses[k].where, score * by_error), (tested.hypotheses[k].where, by_error)]
+    far = _RESEMBLES * np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    known = {link.name for link in tested.structure.links if ASYMMETRY in linear_terms(link)}
+    numbers = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where not in known)
+    held = list(_bounded(fit, tested, numbers, far, most=_ASYMMETRY, least=_OF_WELLS))
     if not held:
         return None
-    changes = np.column_stack([change for _, change in held])
+    changes = np.column_stack([change / NORMAL_95 for _, change in held])
     return {"asymmetry": changes @ changes.T}, enumerated(
-        [f"a force like {ASYMMETRY} in {link}" for link in dict(held)]
+        [f"a force like {ASYMMETRY} in {term.link}" for term, _ in held]
     )
 
 
