@@ -369,3 +369,18 @@ def test_a_drift_that_passes_for_damping_is_told(drift: float) -> None:
     assert moved == pytest.approx(
         -2.0 * drift / 4.0, abs=4.0 * present(fit.coefficient("link.c").standard_error)
     )
+
+
+@pytest.mark.parametrize("sensor", ["a", "x"])
+def test_a_law_that_is_the_same_from_another_place_of_rest_is_told(sensor: str) -> None:
+    """Where no channel shows the place of the mass: about either well k is twice that at the hilltop, of the other sign."""
+    wells = oscillator("k*d + q*d**2 + k3*d**3 + c*v", k=-500.0, q=2e3, k3=8e6, c=1.0)
+    across = lw.simulate(wells, release={"x:m1": 0.014}, duration=2.0, rate=RATE, sensors=(sensor,))
+    fit = lw.identify(across.with_noise(40.0, seed=5), wells.unknown("all"))
+    others = [finding for finding in fit.findings if "another place of rest" in finding]
+    assert fit.trusted and len(others) == (2 if sensor == "a" else 0)
+    values = [
+        fit.coefficient("link.k").value,
+        *(float(other.partition("k = ")[2].partition(",")[0]) for other in others),
+    ]
+    assert sum(value == pytest.approx(-500.0, rel=0.01) for value in values) == 1
