@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -188,6 +189,16 @@ def test_motion_on_both_sides_of_a_sink_tells_its_asymmetry() -> None:
     assert fit.covariance[0, 0] < 1.0
 
 
+def test_intervals_hold_asymmetry_that_wells_hardly_crossed_do_not_tell() -> None:
+    """A score of one standard error beside coefficients that are nine off."""
+    sink: dict[str, Any] = {"alpha": -425.0, "beta": 6.7e6, "c": 0.57}
+    truly, stated = oscillator(f"{WELL} + q*d**2", **sink, q=500.0), oscillator(WELL, **sink)
+    crossed = lw.simulate(truly, release={"x:m1": 0.008, "v:m1": 0.22}, duration=5.6, rate=500.0)
+    fit = lw.identify(crossed.with_noise(25.0, seed=2), stated.unknown("all"))
+    assert fit.trusted and "a force like d**2 in link, as of asymmetric wells" in fit.message
+    assert_held(fit, stated)
+
+
 def test_a_term_nearly_as_likely_as_an_offset_is_named_beside_it() -> None:
     """Chance gives the term as much in one fit of some hundred; where one of the two is there, it may be that one."""
     across = lw.simulate(
@@ -220,13 +231,13 @@ def test_a_term_that_is_in_the_law_or_that_the_record_shows_is_no_unseen_one() -
 
 def test_the_answer_lists_them_all_and_tells_three_coefficients() -> None:
     fit = lw.identify(shaken(DAMPED, noise=10.0 * NOISE), DAMPED.unknown("all"))
-    terms = [term for term in fit.unseen_terms if not term.is_mass]
+    terms = [term for term in fit.unseen_terms if not (term.is_mass or term.is_drift)]
     assert len(terms) > len({term.coefficient for term in terms}) > 1
     assert [term.standard_errors for term in terms] == sorted(
         (t.standard_errors for t in terms), reverse=True
     )
     documents = json.loads(json.dumps(fit.to_dict()))["unseen_terms"]
-    documents = [document for document in documents if document["term"] != "mass"]
+    documents = [document for document in documents if document["term"] not in ("mass", "gain drift")]
     assert [document["term"] for document in documents] == [term.term for term in terms]
     assert documents[0]["message"] == terms[0].description
     assert documents[0]["share_percent"] == 100.0 * terms[0].share
@@ -340,3 +351,36 @@ def test_an_error_that_moves_a_coefficient_far_takes_trust(change: Change, struc
     off = fit.values - truth(TRUE, fit.given_structure)
     assert np.max(np.abs(off) / np.sqrt(np.asarray(fit.covariance).diagonal())) > CHANCE
     assert fit.diagnosis[0].is_instrument
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.02])
+def test_a_drift_that_passes_for_damping_is_told(drift: float) -> None:
+    """A single sensor of a free decay: the damping of a linear spring and a drift of the gain have one envelope."""
+    linear = oscillator("k*d + c*v", k=987.0, c=2.0)
+    decay = lw.simulate(linear, release={"x:m1": 0.03}, duration=4.0, rate=RATE)
+    drifting = replace(decay, values=decay.values * (1.0 + drift * decay.time[:, None] / 4.0), simulated=None)
+    fit = lw.identify(drifting.with_noise(40.0, seed=1), linear.unknown("all"))
+    told = next(term for term in fit.unseen_terms if term.is_drift)
+    assert fit.trusted and (told.link, told.coefficient, told.share) == ("x:m1", "link.c", 0.05)
+    # the rate of a gain that changes by a small part is that of an amplitude: c/(2 m)
+    assert abs(told.change) == pytest.approx(2.0 * 0.05 / 4.0, rel=0.05)
+    assert sum("passes for damping" in finding for finding in fit.findings) == 1
+    moved = fit.coefficient("link.c").value - 2.0
+    assert moved == pytest.approx(
+        -2.0 * drift / 4.0, abs=4.0 * present(fit.coefficient("link.c").standard_error)
+    )
+
+
+@pytest.mark.parametrize("sensor", ["a", "x"])
+def test_a_law_that_is_the_same_from_another_place_of_rest_is_told(sensor: str) -> None:
+    """Where no channel shows the place of the mass: about either well k is twice that at the hilltop, of the other sign."""
+    wells = oscillator("k*d + q*d**2 + k3*d**3 + c*v", k=-500.0, q=2e3, k3=8e6, c=1.0)
+    across = lw.simulate(wells, release={"x:m1": 0.014}, duration=2.0, rate=RATE, sensors=(sensor,))
+    fit = lw.identify(across.with_noise(40.0, seed=5), wells.unknown("all"))
+    others = [finding for finding in fit.findings if "another place of rest" in finding]
+    assert fit.trusted and len(others) == (2 if sensor == "a" else 0)
+    values = [
+        fit.coefficient("link.k").value,
+        *(float(other.partition("k = ")[2].partition(",")[0]) for other in others),
+    ]
+    assert sum(value == pytest.approx(-500.0, rel=0.01) for value in values) == 1

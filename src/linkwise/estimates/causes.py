@@ -322,6 +322,10 @@ _OF_MASSES = (
     "weigh these masses to better than that, or state how well they are known, as { start = 0.01, sigma = 1e-4 }, which the "
     "intervals then include"
 )
+_OF_DRIFTS = (
+    "where the motion decays such a drift passes for damping; let sensors and amplifiers warm, and calibrate them before and "
+    "behind the record"
+)
 
 
 @dataclass(frozen=True)
@@ -329,19 +333,20 @@ class UnseenTerm:
     """A term that records of exact laws bound so loosely that it could move a coefficient out of its interval.
 
     Damping between two modes of a host that the host does not have is such a term as well, and so is the force of inertia of a
-    mass that is off the stated one.
+    mass that is off the stated one, and a gain of a sensor that drifts along the record.
 
     Attributes
     ----------
     link : str
         The link whose law may lack it; of damping between modes the one that would hold it, as ``"wing.mode1+mode2"``, and
-        the mass where that may be off.
+        the mass where that may be off, and the channel whose gain may drift, ``"all channels"`` of all of them.
     term : str
-        Its form, such as ``"d**5"``; ``"v"`` of damping between modes, ``"mass"`` of a mass.
+        Its form, such as ``"d**5"``; ``"v"`` of damping between modes, ``"mass"`` of a mass, ``"gain drift"`` of a gain.
     share : float
         The largest part of the force in the link, by root mean squares, that it could make: the end of its 95 % interval that
         is farther from zero. Of damping between modes, the part of the largest that dissipates in every motion, the
-        geometric mean of the damping of the two modes. Of a mass, the part of it by which it may be off, at most a fifth.
+        geometric mean of the damping of the two modes. Of a mass, the part of it by which it may be off, at most a fifth; of
+        a gain, that by which it may drift along the record, at most a twentieth.
     coefficient : str
         The coefficient that a term of this size would change most, counted in standard errors.
     change : float
@@ -377,6 +382,8 @@ class UnseenTerm:
         )
         if self.is_mass:
             return f"a mass of {self.link} that is off by up to {format_percent(self.share)}, which {change}"
+        if self.is_drift:
+            return f"a gain of {self.link} that drifts by up to {format_percent(self.share)}, which {change}"
         term = f"a force like {self.term} in {self.link} {part} of the force there"
         if is_between_modes(self.link):
             term = f"damping {in_words(self.link)} {part} of the largest that dissipates"
@@ -386,6 +393,11 @@ class UnseenTerm:
     def is_mass(self) -> bool:
         """Whether it is an error of a stated mass."""
         return self.term == MASS
+
+    @property
+    def is_drift(self) -> bool:
+        """Whether it is a gain of a sensor that drifts."""
+        return self.term == GAIN_DRIFT
 
     def to_dict(self) -> dict[str, str | float]:
         """What result.json holds of it.
@@ -407,9 +419,14 @@ class UnseenTerm:
 
 
 def unseen_remark(terms: Sequence[UnseenTerm]) -> tuple[str, ...]:
-    """What is told of `unseen_terms`: a sentence on terms, and one on masses; nothing without any."""
-    masses, laws = ([term for term in terms if term.is_mass is which] for which in (True, False))
-    return (*_remark(laws, "laws", "terms", _OF_TERMS), *_remark(masses, "masses", "masses", _OF_MASSES))
+    """What is told of `unseen_terms`: a sentence on terms, one on masses and one on sensors; nothing without any."""
+    masses, drifts = [term for term in terms if term.is_mass], [term for term in terms if term.is_drift]
+    laws = [term for term in terms if not (term.is_mass or term.is_drift)]
+    return (
+        *_remark(laws, "laws", "terms", _OF_TERMS),
+        *_remark(masses, "masses", "masses", _OF_MASSES),
+        *_remark(drifts, "sensors", "drifts", _OF_DRIFTS),
+    )
 
 
 def _remark(terms: Sequence[UnseenTerm], stated: str, kind: str, advice: str) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ from linkwise.likelihood.harmonics import (
     not_shown_to_go_on,
     with_harmonics,
 )
-from linkwise.likelihood.optima.hidden_wells import fit_about_rest
+from linkwise.likelihood.optima.hidden_wells import fit_about_rest, other_places_of_rest
 from linkwise.likelihood.optima.other_optima import lower_of_two, tightest_smooth_fit, with_faint_modes
 from linkwise.likelihood.optima.profiles import profile_ends, with_profiles
 from linkwise.likelihood.optima.restarts import (
@@ -523,6 +523,7 @@ def estimate_of(
         remarks=(
             *fit_remarks(fit, records, of_sensors, faint),
             *amplitudes,
+            *other_places_of_rest(fit, identified, records[0].channels),
             *unseen_remark(unseen),
             *(inseparable(fit) if judgement.verdict.forbids else ()),
         ),

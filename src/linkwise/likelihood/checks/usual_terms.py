@@ -18,13 +18,14 @@ could hold what no test of the records sees; it is reported instead. Stated mass
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 import scipy
 
 from linkwise.arrays import Floats, Indices
 from linkwise.display import enumerated
-from linkwise.estimates.causes import UnseenTerm
+from linkwise.estimates.causes import GAIN_DRIFT, UnseenTerm
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.checks.judgement import LARGEST_SHIFT
 from linkwise.likelihood.fit import LikelihoodFit
@@ -179,10 +180,19 @@ _NEGLIGIBLE = 0.01
 gain of an accelerometer is known to 1 % as a rule."""
 
 
+_LARGEST_DRIFT = 0.05
+"""Of a gain, along a record: what one drifts by at most whose amplifier was not let warm, or whose battery runs down."""
+_REPEATED = (
+    0.002  # of damping, to which no calibration is needed: what free decays of one structure hardly agree to
+)
+
+
 def unseen_terms(
     fit: LikelihoodFit, tested: TestedCauses | None, covariance: Floats, *, terms: bool
 ) -> tuple[UnseenTerm, ...]:
-    """The usual terms, damping between modes and stated masses that the records do not bound well, the farthest move first.
+    """The usual terms, damping between modes, stated masses and gains that drift which the records do not bound well.
+
+    The farthest move comes first.
 
     Parameters
     ----------
@@ -193,30 +203,42 @@ def unseen_terms(
     covariance : array of shape (p, p)
         That of the coefficients as it is reported.
     terms : bool
-        Whether terms are looked for as well as masses: where the fit leaves only noise, without a significant cause.
+        Whether terms are looked for beside masses and drifts: where the fit leaves only noise, without a significant cause.
 
     Returns
     -------
     tuple of UnseenTerm
         Those which, as large as the records let them be, would change a coefficient by more than an interval can hold, and
-        by more than is negligible; of each term the coefficient that it would change most.
+        by more than is negligible; of each the coefficient that it would change most.
     """
     if tested is None:
         return ()
     deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     of_laws = tested.of_laws if terms else np.empty(0, dtype=int)
+    estimated = {term.channel for term in fit.terms if term.kind == GAIN_DRIFT}
+    drifts = tested.which(lambda one: one.kind == GAIN_DRIFT and one.where not in estimated)
     numbers = np.append(of_laws, tested.stated_masses())
-    unseen = (term for term, _ in _bounded(fit, tested, numbers, deviations))
-    return tuple(sorted(unseen, key=lambda term: -term.standard_errors))
+    unseen = chain(
+        _bounded(fit, tested, numbers, deviations),
+        _bounded(fit, tested, drifts, deviations, least=_REPEATED),
+    )
+    return tuple(sorted((term for term, _ in unseen), key=lambda term: -term.standard_errors))
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a candidate that is infinite is not taken
 def _bounded(
-    fit: LikelihoodFit, tested: TestedCauses, numbers: Indices, deviations: Floats, most: float = np.inf
+    fit: LikelihoodFit,
+    tested: TestedCauses,
+    numbers: Indices,
+    deviations: Floats,
+    *,
+    most: float = np.inf,
+    least: float = _NEGLIGIBLE,
 ) -> Iterator[tuple[UnseenTerm, Floats]]:
     """Those of these numbers that change coefficients by more than `deviations` (p,) hold, and the changes (p,) by each.
 
-    Each is as large as the records let it be, and changes the coefficient that it changes farthest by at `most` a part of it.
+    Each is as large as the records let it be, and changes the coefficient that it changes farthest by at `most` a part of it,
+    and one by more than at `least` one.
     """
     if not (len(numbers) and fit.free.any()):
         return
@@ -233,14 +255,14 @@ def _bounded(
         is_told = tests.gains[number] > 0.0  # else the coefficients leave nothing of it, whatever its size
         seen = size + beyond_noise * float(tests.deviations[number]) if is_told else np.inf
         limit = min(seen, largest * whole, most / float(relative[np.argmax(shifts)]))
-        beyond = (limit * shifts > LARGEST_SHIFT) & (limit * relative > _NEGLIGIBLE)
+        beyond = (limit * shifts > LARGEST_SHIFT) & (limit * relative > least)
         if not (np.isfinite(limit) and beyond.any()):
             continue
         farthest = int(np.argmax(np.where(beyond, shifts, 0.0)))
         yield (
             UnseenTerm(
                 link=hypothesis.where,
-                term=MASS if hypothesis.kind == MASS else hypothesis.term or "v",
+                term=hypothesis.kind if hypothesis.kind in (MASS, GAIN_DRIFT) else hypothesis.term or "v",
                 share=float(limit / whole),
                 coefficient=fit.names[farthest],
                 change=float(limit * move[farthest]),
@@ -256,8 +278,12 @@ _ASYMMETRY = 0.1
 symmetric law by half of that."""
 
 
-_ONE_SIDE = 0.9
-"""Of the time, more on one side of d = 0 than on the other: what is seen on both sides tells an asymmetry of itself."""
+_OF_WELLS = 0.005
+"""Of a coefficient, the same at least: wells whose forces differ by 1 %, which nobody calls symmetric, move it by that."""
+
+_RESEMBLES = 2.0
+"""Times the change that any answer holds: where wells are crossed for a part of the record, they tell an asymmetry so badly
+that coefficients are nine errors off beside a score of one. Other motion on both sides of d = 0 tells it of itself."""
 
 
 def asymmetry(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
@@ -266,13 +292,10 @@ def asymmetry(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     In one well the rest position and the frequency are two facts, and with a term in d**2 a law has three coefficients for
     them: the residuals stay noise, and those of a symmetric law are off by many standard errors.
     """
-    deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    d, order = fit.misfit.trajectories.links[:, 0], fit.segments.system.order
-    links = tested.structure.links
-    on_one_side = {links[k].name for k in order[np.abs(np.sign(d).mean(axis=(0, 2))) > _ONE_SIDE]}
-    open_ones = on_one_side - {link.name for link in links if ASYMMETRY in linear_terms(link)}
-    numbers = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where in open_ones)
-    held = list(_bounded(fit, tested, numbers, deviations, _ASYMMETRY))
+    far = _RESEMBLES * np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    known = {link.name for link in tested.structure.links if ASYMMETRY in linear_terms(link)}
+    numbers = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where not in known)
+    held = list(_bounded(fit, tested, numbers, far, most=_ASYMMETRY, least=_OF_WELLS))
     if not held:
         return None
     changes = np.column_stack([change / NORMAL_95 for _, change in held])
@@ -291,5 +314,7 @@ def _wholes(fit: LikelihoodFit, tested: TestedCauses, numbers: Indices) -> Itera
             yield damping[hypothesis.where] / unit, 1.0
         elif hypothesis.kind == MASS:
             yield 1.0 / unit, LARGEST
+        elif hypothesis.kind == GAIN_DRIFT:
+            yield 1.0 / unit, _LARGEST_DRIFT
         else:
             yield forces.get(hypothesis.where, 0.0), np.inf

@@ -497,7 +497,7 @@ def motion_that_begins_anew(of: Examined, before: Judgement) -> Judgement | None
 
 
 def asymmetric_wells(of: Examined, before: Judgement) -> Judgement | None:
-    """Whether links move on one side only, so that forces that are not symmetric stay unseen and move coefficients."""
+    """Whether links that move in one well, or hardly leave it, hide forces that are not symmetric and move coefficients."""
     tested = of.diagnosis.tested
     hint = asymmetry(of.fit, tested) if before.leaves_noise and tested else None
     if hint is None:

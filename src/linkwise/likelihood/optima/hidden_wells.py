@@ -9,13 +9,15 @@ that noise hides how the link bends: then its coefficients are hardly known, and
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Floats
+from linkwise.display import enumerated
 from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
@@ -32,6 +34,7 @@ _NEAREST, _FARTHEST = 0.1, 300.0  # deviations of the motion that a place of res
 _GRID = 161  # places on either side, at equal ratios
 _ROUNDS = 4  # of finer grids
 _APART = 4.0  # standard errors beyond which values are others
+_SAME = 1e-6  # relative: forces, and places beside the motion, that are the same
 _CERTAIN = 10.0  # standard errors: laws whose coefficients are known that well leave no doubt about the place of rest
 
 
@@ -109,6 +112,55 @@ def about_another_rest(fit: LikelihoodFit) -> str:
         "explains it as well, and no channel shows where the mass rests. Record a larger motion, or "
         "the displacement of the mass, or hold one of them at a known value."
     )
+
+
+def other_places_of_rest(
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel]
+) -> Iterator[str]:
+    """What laws have that are the same counted from another place of rest, where no channel shows the place of a mass.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        The fit.
+    identified : Structure
+        The structure with its values.
+    channels : sequence of Channel
+        The channels of the records.
+
+    Yields
+    ------
+    str
+        A sentence on a link and a place of rest, at which its law with other coefficients has the same forces, as one with
+        terms in d, d**2 and d**3 does; none of structures with loops or hosts, whose links do not elongate each by itself.
+    """
+    is_shown = any(channel.kind == "x" or channel.of_link for channel in channels)
+    if is_shown or identified.hosts or len(identified.links) != identified.size:
+        return
+    orbit = fit.misfit.trajectories.links
+    for k, number in enumerate(fit.segments.system.order.tolist()):
+        link = identified.links[number]
+        names = [name for name in link.coefficients if f"{link.name}.{name}" in fit.names]
+        if not link.law.is_plain or BASE in link.between:
+            continue
+        d, v = orbit[:, 0, k].ravel(), orbit[:, 1, k].ravel()
+        force, span = link.force(d, v, {}), float(np.ptp(d))
+        places = np.linspace(d.min() - span, d.max() + span, _GRID)
+        at_places = partial(_at_rest, link)
+        for n in np.flatnonzero(np.diff(np.sign([at_places(place) for place in places]))).tolist():
+            rest = scipy.optimize.brentq(at_places, places[n], places[n + 1])
+            solved, left = regressed(link, d - rest, v, force, link.values, names)
+            if abs(rest) > _SAME * span and left < _SAME**2 * float(force @ force):
+                values = enumerated([f"{link.name}.{name} = {value:.4g}" for name, value in solved.items()])
+                yield (
+                    f"No channel shows where the masses rest: counted from another place of rest, the same law of {link.name} "
+                    f"has {values}."
+                )
+
+
+def _at_rest(link: Link, d: float) -> float:
+    """The force of a link that does not move, in N."""
+    return float(link.force(np.array([d]), np.zeros(1), {})[0])
 
 
 def _hidden_links(structure: Structure, channels: Sequence[Channel]) -> dict[int, int]:
