@@ -26,34 +26,35 @@ def system(nodes: int, m: int, p: int) -> BorderedSystem:
             coupling[k] = later.T @ own
             right[k + 1, :, :p] += later.T @ border
     right[..., p] = random.normal(size=(nodes, m))
-    return BorderedSystem(diagonal, coupling, right, corner, random.normal(size=p))
+    return BorderedSystem.of((diagonal, coupling, right), corner, random.normal(size=p))
 
 
 def dense(equations: BorderedSystem) -> tuple[np.ndarray, np.ndarray]:
     """The whole matrix, nodes first, and the gradient."""
-    nodes, m = equations.diagonal.shape[:2]
+    (nodes, m, _), (diagonal, coupling, right) = equations.shape, equations.nodes
     size, p = nodes * m, len(equations.corner)
     matrix = np.zeros((size + p, size + p))
     for k in range(nodes):
         own, after = slice(m * k, m * (k + 1)), slice(m * (k + 1), m * (k + 2))
-        matrix[own, own] = equations.diagonal[k]
+        matrix[own, own] = diagonal[k]
         if k + 1 < nodes:
-            matrix[after, own], matrix[own, after] = equations.coupling[k], equations.coupling[k].T
-    matrix[:size, size:] = equations.right[..., :-1].reshape(size, p)
+            matrix[after, own], matrix[own, after] = coupling[k], coupling[k].T
+    matrix[:size, size:] = right[..., :-1].reshape(size, p)
     matrix[size:, :size] = matrix[:size, size:].T
     matrix[size:, size:] = equations.corner
-    return matrix, np.concatenate([equations.right[..., -1].ravel(), equations.corner_gradient])
+    return matrix, np.concatenate([right[..., -1].ravel(), equations.corner_gradient])
 
 
 @pytest.mark.parametrize(
-    ("nodes", "m", "p"), [(1, 4, 3), (2, 4, 3), (3, 4, 3), (37, 5, 2), (40, 3, 1), (1, 128, 5), (6, 128, 5)]
+    ("nodes", "m", "p"),  # the last is assembled in two parts
+    [(1, 4, 3), (2, 4, 3), (3, 4, 3), (37, 5, 2), (40, 3, 1), (1, 128, 5), (6, 128, 5), (20, 64, 200)],
 )
 def test_steps_of_a_dense_matrix(nodes: int, m: int, p: int) -> None:
     """With all that is free, with some or all of the border held, and held elsewhere."""
     equations = system(nodes, m, p)
     (matrix, gradient), size = dense(equations), nodes * m
-    by_nodes, by_border = equations.gradient
     factor = present(equations.factor())
+    by_nodes, by_border = factor.gradient
     schur = matrix[size:, size:] - matrix[size:, :size] @ np.linalg.solve(
         matrix[:size, :size], matrix[:size, size:]
     )
@@ -95,6 +96,18 @@ def test_steps_of_a_dense_matrix(nodes: int, m: int, p: int) -> None:
     )
 
 
+@pytest.mark.parametrize(("nodes", "m", "p"), [(7, 4, 3), (20, 64, 200)])
+def test_some_of_the_border_alone_can_be_kept(nodes: int, m: int, p: int) -> None:
+    equations, kept = system(nodes, m, p), np.array([0, p - 1])
+    factor, some = present(equations.factor()), present(equations.factor(kept=kept))
+    np.testing.assert_allclose(some.schur, factor.schur, rtol=1e-12, atol=1e-12)
+    states, border = present(some.within(kept).solve(np.ones(2, bool)))
+    held = np.isin(np.arange(p), kept)
+    expected = present(factor.solve(held))
+    np.testing.assert_allclose(states, expected[0], rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(border, expected[1][held], rtol=1e-8, atol=1e-12)
+
+
 def test_covariances_and_blocks_of_the_inverse_are_those_of_a_dense_one() -> None:
     equations, unit = system(7, 4, 3), np.array([30.0, 1e6, 0.02])
     matrix, _ = dense(equations)
@@ -119,9 +132,10 @@ def test_what_is_not_positive_definite_has_no_factor_unless_it_is_damped(node: i
     """At either end, or between."""
 
     def equations() -> BorderedSystem:
-        bad = system(7, m, 5)
-        bad.diagonal[node] -= 1e3 * np.eye(m)
-        return bad
+        good = system(7, m, 5)
+        diagonal, coupling, right = good.nodes
+        diagonal[node] -= 1e3 * np.eye(m)
+        return BorderedSystem.of((diagonal, coupling, right), good.corner, good.corner_gradient)
 
     assert equations().factor() is None
     added = np.full((7, m), 1e4), np.full(5, 1e4)

@@ -103,7 +103,7 @@ def point(
 
 
 def gradient(equations: BorderedSystem) -> np.ndarray:
-    return np.concatenate([equations.right[..., -1].ravel(), equations.corner_gradient])
+    return np.concatenate([equations.nodes[2][..., -1].ravel(), equations.corner_gradient])
 
 
 def moved(point: Iterate, scales: Scales, step: np.ndarray) -> Iterate:
@@ -143,7 +143,7 @@ def test_the_gradient_is_the_costs_difference(
     misfit = evaluate(segments, point, scales, loss)
     equations = linearise(misfit).equations(q)
     computed = gradient(equations)
-    curvature = np.concatenate([np.einsum("kii->ki", equations.diagonal).ravel(), np.diag(equations.corner)])
+    curvature = np.concatenate([np.einsum("kii->ki", equations.nodes[0]).ravel(), np.diag(equations.corner)])
     expected, checked = np.zeros_like(computed), some(beside)
     for i, (ahead, behind) in beside.items():
         expected[i] = -(ahead.cost(q) - behind.cost(q)) / (4.0 * EPS)

@@ -679,8 +679,8 @@ def but_the_last(equations: BorderedSystem, before: BorderedFactor | None) -> Bo
 
     Of the piece `before`, whose last node is the first of this one, that node and the border are left.
     """
-    m, p = equations.diagonal.shape[1], len(equations.corner)
-    diagonal, right = equations.diagonal, equations.right
+    (diagonal, coupling, right), p = equations.nodes, len(equations.corner)
+    m = right.shape[1]
     corner, gradient = np.zeros((m + p, m + p)), np.append(right[-1, :, p], equations.corner_gradient)
     corner[:m, :m], corner[:m, m:], corner[m:, m:] = diagonal[-1], right[-1, :, :p], equations.corner
     if before is not None:
@@ -690,8 +690,8 @@ def but_the_last(equations: BorderedSystem, before: BorderedFactor | None) -> Bo
         gradient[m:] += before.reduced[m:]
     corner[m:, :m] = corner[:m, m:].T
     inner = np.concatenate([np.zeros((len(right) - 1, m, m)), right[:-1]], axis=2)
-    inner[-1, :, :m] = equations.coupling[-1].T
-    return BorderedSystem(diagonal[:-1], equations.coupling[:-1], inner, corner, gradient)
+    inner[-1, :, :m] = coupling[-1].T
+    return BorderedSystem.of((diagonal[:-1], coupling[:-1], inner), corner, gradient)
 
 
 def tested_in_pieces(
@@ -726,6 +726,5 @@ def tested_in_pieces(
     corner, gradient = left.schur[m:, m:].copy(), left.reduced[m:].copy()
     add_prior(corner, gradient, misfit)
     right = np.column_stack([left.schur[:m, m:], left.reduced[:m]])
-    return BorderedSystem(
-        left.schur[None, :m, :m], np.empty((0, m, m)), right[None], corner, gradient
-    ).factor()
+    nodes = left.schur[None, :m, :m], np.empty((0, m, m)), right[None]
+    return BorderedSystem.of(nodes, corner, gradient).factor()

@@ -56,8 +56,6 @@ class DampedEquations:
     ----------
     linear : Linearization
         The linearised problem.
-    gradient : tuple of array of shape (K, m) and (p,)
-        The gradient of the nodes and of the border.
     factor : BorderedFactor or None
         The factor, damped; None where the equations are not positive definite.
     q : float
@@ -67,7 +65,6 @@ class DampedEquations:
     """
 
     linear: Linearization
-    gradient: tuple[Floats, Floats]
     factor: BorderedFactor | None
     q: float
     damping: float
@@ -75,9 +72,7 @@ class DampedEquations:
     @classmethod
     def of(cls, linear: Linearization, q: float, damping: float) -> DampedEquations:
         """Those of a linearization."""
-        equations = linear.equations(q)
-        gradient = equations.gradient
-        return cls(linear, gradient, equations.factor(linear.damping(damping)), q, damping)
+        return cls(linear, linear.equations(q).factor(linear.damping(damping)), q, damping)
 
 
 def damped_step(damped: DampedEquations, misfit: Misfit, length: float) -> tuple[Iterate, float] | None:
@@ -97,9 +92,10 @@ def damped_step(damped: DampedEquations, misfit: Misfit, length: float) -> tuple
     tuple of (Iterate, float) or None
         The new point and the predicted reduction of the cost; None where the equations are not positive definite.
     """
-    (by_nodes, by_border), factor = damped.gradient, damped.factor
+    factor = damped.factor
     if factor is None:
         return None
+    by_nodes, by_border = factor.gradient
     bounded = _within_bounds(factor, misfit, length)
     if bounded is None:
         return None

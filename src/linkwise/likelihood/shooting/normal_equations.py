@@ -58,49 +58,112 @@ Damping: TypeAlias = tuple[Floats, Floats]
 """The Levenberg-Marquardt term of the diagonal: nodes (K, m), border (p,)."""
 
 
+Nodes: TypeAlias = tuple[Floats, Floats, Floats]
+"""Blocks of K nodes: diagonal (K, m, m), symmetric; coupling (K, m, m) or one less, of the nodes that follow (rows) with them;
+and right (K, m, p + 1), the columns of the border and, last, the gradient.
+"""
+Factored: TypeAlias = "tuple[BandedRoot | BlockRoot, Floats, Floats, Floats]"
+"""Root of the nodes; the border and, last, the gradient behind it (K, m, p + 1); the gradient of the nodes (K, m); and the
+products (p + 1, p + 1) of the columns behind the root, of all.
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class BorderedSystem:
-    """The equations; `right` holds for each node the columns of the border and, last, the gradient.
+    """The equations of K nodes of m states with a border of p unknowns, whose nodes are assembled where they are asked for.
 
     Where there is a `shift`, they are of nodes relative to one by the border; steps and gradients are of the nodes themselves.
     """
 
-    diagonal: Floats  # (K, m, m) symmetric
-    coupling: Floats  # (K - 1, m, m), rows: the later node
-    right: Floats  # (K, m, p + 1)
+    shape: tuple[int, int, int]  # K, m and p + 1
+    put: Callable[[slice, Nodes], None]  # the blocks of some nodes into room for them
     corner: Floats  # (p, p)
     corner_gradient: Floats  # (p,)
     shift: Floats | None = None  # (m, p), the same of all nodes
 
-    @property
-    def gradient(self) -> tuple[Floats, Floats]:
-        """Of the nodes (K, m) and the border (p,), in arrays of its own."""
-        nodes = self.right[..., -1].copy()
-        if self.shift is None:
-            return nodes, self.corner_gradient
-        return nodes, self.corner_gradient - self.shift.T @ nodes.sum(axis=0)
+    @classmethod
+    def of(cls, nodes: Nodes, corner: Floats, corner_gradient: Floats) -> BorderedSystem:
+        """Those of blocks that are known."""
 
-    def factor(self, damping: Damping | None = None) -> BorderedFactor | None:
+        def put(some: slice, room: Nodes) -> None:
+            for own, values in zip(room, nodes, strict=True):
+                own[:] = values[some]
+
+        K, m, c = nodes[2].shape
+        return cls((K, m, c), put, corner, corner_gradient)
+
+    @property
+    def nodes(self) -> Nodes:
+        """The blocks of all nodes, in arrays of their own."""
+        K, m, c = self.shape
+        diagonal, coupling, right = np.empty((K, m, m)), np.empty((K - 1, m, m)), np.empty((K, m, c))
+        for some in self._parts:
+            self.put(some, (diagonal[some], coupling[some], right[some]))
+        return diagonal, coupling, right
+
+    @property
+    def _parts(self) -> list[slice]:
+        """The nodes in parts that are assembled together."""
+        K, m, c = self.shape
+        size = max(4, _AT_ONCE // (m * c))
+        return [slice(first, min(first + size, K)) for first in range(0, K, size)]
+
+    def factor(self, damping: Damping | None = None, kept: Indices | None = None) -> BorderedFactor | None:
         """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite.
 
-        `diagonal`, `coupling` and `right` may become parts of the factor.
+        It has the equations of all unknowns of the border, and of those that are `kept`, by default all, what the nodes need
+        to follow them.
         """
-        K, m, c = self.right.shape
-        p = c - 1
-        kind = BandedRoot if m * c < _WIDE else BlockRoot
-        root = kind.of(self.diagonal, self.coupling, None if damping is None else damping[0])
-        if root is None:
+        _, m, c = self.shape
+        p, added = c - 1, None if damping is None else damping[0]
+        factored = self._by_band(added) if m * c < _WIDE else self._by_blocks(added, kept)
+        if factored is None:
             return None
-        forward = root.forward(self.right)
-        rows = forward.reshape(K * m, p + 1)
-        moment = rows.T @ rows
+        root, forward, nodes, moment = factored
         corner = self.corner if damping is None else self.corner + np.diag(damping[1])
         schur = corner - moment[:p, :p]
         if not np.isfinite(schur).all():  # of tangents that overflowed
             return None
         slope = self.corner_gradient - moment[p, :p]
+        border = self.corner_gradient - (0.0 if self.shift is None else self.shift.T @ nodes.sum(axis=0))
+        if kept is not None and forward.shape[2] == c:
+            forward = forward[..., np.append(kept, p)]
         pull = forward[..., -1].copy()
-        return BorderedFactor(root, forward, pull, schur, slope, damping is not None, self.shift)
+        return BorderedFactor(
+            root, forward, pull, schur, slope, (nodes, border), damping is not None, self.shift
+        )
+
+    def _by_band(self, added: Floats | None) -> Factored | None:
+        """The factor by a band, with something `added` (K, m) to the diagonal."""
+        diagonal, coupling, right = self.nodes
+        root = BandedRoot.of(diagonal, coupling, added)
+        if root is None:
+            return None
+        forward = root.forward(right)
+        rows = forward.reshape(-1, right.shape[2])
+        return root, forward, right[..., -1].copy(), rows.T @ rows
+
+    def _by_blocks(self, added: Floats | None, kept: Indices | None) -> Factored | None:
+        """The factor by blocks, in the room of a part of the nodes but for what is left of each."""
+        K, m, c = self.shape
+        root = BlockRoot((np.empty((K, m, m)), np.empty((K - 1, m, m))))
+        forward = np.empty((K, m, c if kept is None else len(kept) + 1))
+        nodes, moment = np.empty((K, m)), np.zeros((c, c), order="F")
+        before: Floats | None = None
+        for some in self._parts:
+            right = forward[some] if kept is None else np.empty((some.stop - some.start, m, c))
+            diagonal, coupling = (blocks[some] for blocks in root.blocks)
+            self.put(some, (diagonal, coupling, right))
+            nodes[some] = right[..., -1]
+            if added is not None:
+                np.einsum("kii->ki", diagonal)[:] += added[some]
+            if not root.eliminate(some, right, before):
+                return None
+            before = right[-1]
+            blas.dsyrk(1.0, right.reshape(-1, c).T, 1.0, moment, lower=1, overwrite_c=1)
+            if kept is not None:
+                forward[some] = right[..., np.append(kept, -1)]
+        return root, forward, nodes, np.tril(moment) + np.tril(moment, -1).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,22 +226,23 @@ class BlockRoot:
 
     blocks: tuple[Floats, Floats]
 
-    @classmethod
-    def of(cls, diagonal: Floats, coupling: Floats, added: Floats | None) -> BlockRoot | None:
-        """As of `BandedRoot`, in place."""
-        root, below = diagonal, coupling
-        if added is not None:
-            np.einsum("kii->ki", root)[:] += added
-        before: Floats | None = None
-        for own, joined in zip(_as_fortran(root), (None, *_as_fortran(below)), strict=True):
-            if joined is not None:
-                blas.dtrsm(1.0, before, joined, trans_a=1, overwrite_b=1)
-                blas.dsyrk(-1.0, joined, 1.0, own, trans=1, overwrite_c=1)
-            _, info = lapack.dpotrf(own, lower=0, overwrite_a=1)
+    def eliminate(self, some: slice, right: Floats, before: Floats | None) -> bool:
+        """Replace the blocks of some nodes by their factor, and `right` (k, m, c) of these by what solves L x = `right`.
+
+        `before` (m, c) is that of the node before them. Whether they are positive definite.
+        """
+        root, below = map(_as_fortran, self.blocks)
+        for k, own in zip(range(some.start, some.stop), _as_fortran(right), strict=True):
+            if before is not None:
+                blas.dtrsm(1.0, root[k - 1], below[k - 1], trans_a=1, overwrite_b=1)
+                blas.dsyrk(-1.0, below[k - 1], 1.0, root[k], trans=1, overwrite_c=1)
+                blas.dgemm(-1.0, before.T, below[k - 1], 1.0, own, overwrite_c=1)
+            _, info = lapack.dpotrf(root[k], lower=0, overwrite_a=1)
             if info:
-                return None
-            before = own
-        return cls((root, below))
+                return False
+            blas.dtrsm(1.0, root[k], own, side=1, overwrite_b=1)
+            before = own.T
+        return True
 
     def forward(self, right: Floats) -> Floats:
         """As of `BandedRoot`, in place of `right`."""
@@ -233,8 +297,8 @@ def excess(schur: Floats, reduced: Floats, border: Floats, free: Bools) -> float
 @dataclass(frozen=True, eq=False)
 class BorderedFactor:
     """Factor of the nodes, `root`, with the border, `forward` (K, m, p + 1), and the gradient, `pull` (K, m), behind it;
-    equations of the border, `schur` (p, p) and `reduced` (p,); whether it was `damped`, and the `shift` (m, p) of the nodes by
-    the border, if there is one.
+    equations of the border, `schur` (p, p) and `reduced` (p,); the `gradient` of nodes (K, m) and border (p,); whether it was
+    `damped`, and the `shift` (m, p) of the nodes by the border, if there is one.
     """
 
     root: BandedRoot | BlockRoot
@@ -242,18 +306,18 @@ class BorderedFactor:
     pull: Floats
     schur: Floats
     reduced: Floats
+    gradient: tuple[Floats, Floats]
     damped: bool = False
     shift: Floats | None = None
 
     def within(self, border: Indices) -> BorderedFactor:
-        """That of equations with these unknowns of the border alone, in arrays of its own."""
-        columns = np.append(border, -1)
+        """That of equations with these unknowns of the border alone, which were kept."""
         chosen = np.ix_(border, border)
         return replace(
             self,
-            forward=self.forward[..., columns],
             schur=self.schur[chosen],
             reduced=self.reduced[border],
+            gradient=(self.gradient[0], self.gradient[1][border]),
             shift=None if self.shift is None else self.shift[:, border],
         )
 
@@ -388,42 +452,45 @@ class Linearization:
 
     def equations(self, q: float) -> BorderedSystem:
         """Normal equations with squared defects weighted by 1 / q^2."""
-        weight, m = 1.0 / q**2, self.state.shape[1]
-        diagonal, right = self.state.astype(float), self.right.astype(float)
-        coupling = np.empty(self.state_ends.shape)
-        diagonal[1:, range(m), range(m)] += weight * self.joined**2
-        size = max(16, _AT_ONCE // right[0].size)
-        for first in range(0, len(self.joined), size):
-            some = slice(first, min(first + size, len(self.joined)))
+        weight, (K, m, c) = 1.0 / q**2, self.right.shape
+
+        def put(some: slice, room: Nodes) -> None:
+            diagonal, coupling, right = room
+            diagonal[:], right[:] = self.state[some], self.right[some]
+            before, inner = (
+                slice(max(some.start - 1, 0), some.stop - 1),
+                slice(some.start, min(some.stop, K - 1)),
+            )
+            joined, count = weight * self.joined, inner.stop - inner.start
+            later = slice(before.start + 1 - some.start, None)
+            diagonal[later, range(m), range(m)] += joined[before] * self.joined[before]
             ends, by_border = (
-                own[some].astype(float, copy=False) for own in (self.state_ends, self.right_ends)
+                own[inner].astype(float, copy=False) for own in (self.state_ends, self.right_ends)
             )
             weighted = weight * ends.transpose(0, 2, 1)
-            joined = weight * self.joined[some, :, None]
-            diagonal[some] += weighted @ ends
-            right[some] += weighted @ by_border
-            right[1:][some] -= joined * by_border
-            np.multiply(ends, -joined, out=coupling[some])
+            diagonal[:count] += weighted @ ends
+            right[:count] += weighted @ by_border
+            right[later] -= joined[before, :, None] * self.right_ends[before]
+            np.multiply(ends, -joined[inner, :, None], out=coupling)
+
         return BorderedSystem(
-            diagonal,
-            coupling,
-            right,
+            (K, m, c),
+            put,
             self.of_data.matrix + weight * self.of_defects.matrix,
             self.of_data.gradient + weight * self.of_defects.gradient,
             self.shift,
         )
 
-    def factor(self, q: float) -> BorderedFactor | None:
+    def factor(self, q: float, kept: Indices | None = None) -> BorderedFactor | None:
         """Factor of `equations`; of nodes that the samples hardly determine, such as a fast mode, with the least that makes
         it one.
 
         What is added is below the rounding of single precision, in which the sensitivities are.
         """
-        nothing = np.zeros(self.right.shape[2] - 1)
+        equations, nothing = self.equations(q), np.zeros(self.right.shape[2] - 1)
         for strength in (0.0, *NEGLIGIBLE):
-            equations = self.equations(q)
-            nodes = strength * np.einsum("kii->ki", equations.diagonal)
-            factor = equations.factor((nodes, nothing) if strength else None)
+            damping = (strength * self._diagonal(1.0 / q**2), nothing) if strength else None
+            factor = equations.factor(damping, kept)
             if factor is not None:
                 return factor
         return None
@@ -432,10 +499,15 @@ class Linearization:
         """`strength` times the diagonal at q = 1, so that a trust region means the same at every q."""
         if strength == 0.0:
             return None
+        border = strength * np.diag(self.of_data.matrix + self.of_defects.matrix)
+        return strength * self._diagonal(1.0), border
+
+    def _diagonal(self, weight: float) -> Floats:
+        """(K, m) that of the nodes, squared defects weighted so."""
         nodes = np.einsum("kii->ki", self.state).astype(float)
-        nodes[:-1] += np.einsum("kij,kij->kj", self.state_ends, self.state_ends)
-        nodes[1:] += self.joined**2
-        return strength * nodes, strength * np.diag(self.of_data.matrix + self.of_defects.matrix)
+        nodes[:-1] += weight * np.einsum("kij,kij->kj", self.state_ends, self.state_ends)
+        nodes[1:] += weight * self.joined**2
+        return np.asarray(nodes)
 
 
 def empty_model(misfit: Misfit, p: int, blocks: int, precision: type[np.floating[Any]]) -> Linearization:
@@ -662,7 +734,11 @@ _ROUNDED = 1e-13  # of the diagonal of the border: information of which rounding
 
 
 def precise_model(
-    linear: Linearization, q: float, factor: BorderedFactor | None = None, own: int | None = None
+    linear: Linearization,
+    q: float,
+    factor: BorderedFactor | None = None,
+    own: int | None = None,
+    kept: Indices | None = None,
 ) -> tuple[Linearization, BorderedFactor | None]:
     """A linearised problem with its factor, whose rounding hides nothing that the equations tell of the border.
 
@@ -677,6 +753,8 @@ def precise_model(
     own : int, optional
         How many of the border, the first, rounding must not hide; candidates behind them may well be as good as singular. By
         default all.
+    kept : array of int, optional
+        Unknowns of the border that the nodes shall follow, by default all.
 
     Returns
     -------
@@ -684,10 +762,10 @@ def precise_model(
         The same problem, in coordinates of the nodes relative to a common shift where rounding makes that necessary, and its
         factor; None where its equations are not positive definite.
     """
-    factor = factor or linear.factor(q)
+    factor = factor or linear.factor(q, kept)
     if _is_rounded(linear, factor, q, own):
         linear = with_common_shift(linear)
-        factor = linear.factor(q)
+        factor = linear.factor(q, kept)
     return linear, factor
 
 

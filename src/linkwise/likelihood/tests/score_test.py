@@ -306,16 +306,15 @@ def augmented_quadratic(
             return Quadratic(factor.schur, factor.reduced)
     linear = optimum.linear(candidates, errors, blocks)
     parameters = segments.system.parameters.size
-    linear, border = precise_model(linear, q, own=parameters)
+    own = parameters + len(candidates.first) + (0 if errors is None else len(errors.channel))
+    total = linear.right.shape[2] - 1
+    estimated = np.r_[:parameters, own:total]
+    linear, border = precise_model(linear, q, own=parameters, kept=estimated)
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
-    own = parameters + len(candidates.first) + (0 if errors is None else len(errors.channel))
     schur, reduced, model = border.schur, border.reduced, None
     if not border.damped:
-        estimated = np.delete(np.arange(len(schur)), np.arange(parameters, own))
-        linear = linear.within(estimated)  # one after the other: each frees the columns of what is tested
-        border = border.within(estimated)
-        model = FactoredModel(linear, border)
+        model = FactoredModel(linear.within(estimated), border.within(estimated))
     scores = None
     if optimum.coloured is not None:
         rows = eliminated_rows(misfit, q, candidates, errors)
