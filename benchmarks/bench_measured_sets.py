@@ -212,7 +212,8 @@ def harvester_with_voltage() -> MeasuredSet:
     base, tip, voltage = chaos_of_harvester().T
     bare = relative_to_base(base, tip, 2048.0)
     channels, values = (*bare.channels, "state:harvester.V"), np.column_stack([bare.values, voltage])
-    law = lw.Law.parse("alpha*d + beta*d**3 + gamma*d**5 + c*v - theta*V", {"V": "(theta*v - V/R)/C"})
+    circuit = lw.model.LinkState("(theta*v - V/R)/C", unit="V")
+    law = lw.Law.parse("alpha*d + beta*d**3 + gamma*d**5 + c*v - theta*V", {"V": circuit})
     known = {"C": lw.Coefficient.unknown(lower=0.0), "R": lw.Coefficient.number(1e6)}
     values_of = {name: known.get(name, lw.Coefficient.unknown()) for name in law.coefficients}
     link = lw.Link("harvester", ("tip", "base"), law, values_of)

@@ -77,6 +77,22 @@ def test_the_commands_take_signals(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     said("export answer --equations valve_motion.py")
 
 
+def test_an_unknown_that_is_named_as_a_column_may_be_a_signal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    law = "m1 - ground: k*d + (c0 + cu*u)*v"
+    lw.write_structure(lw.rig({"m1": 1.0}, {"valve": law}), "valve.toml")
+    columns = record()[:200]
+    table = np.column_stack([columns.time, columns.values])
+    np.savetxt("run.csv", table, delimiter=",", header="time,x:m1,force:m1,u", comments="")
+    told = said("identify run.csv valve.toml --method weak", 1).err
+    assert "valve.u is unknown, and a column is named u" in told and "valve.cu is unknown" not in told
+    assert 'write signals = { u = "UNIT" } at the top' in told and "give --channel signal:u=u." in told
+    lw.write_structure(lw.rig({"m1": 1.0}, {"valve": law}, signals={"u": "V"}), "valve.toml")
+    assert "column" not in said("identify run.csv valve.toml --method weak --channel signal:u=u").err
+
+
 def test_sparse_regression_takes_no_signal() -> None:
     with pytest.raises(lw.StructureError, match=r'a signal \(u\), which is not supported in method "sindy"'):
         lw.identify(record(), VALVE.unknown("all"), method="sindy")

@@ -352,3 +352,24 @@ def test_noise_of_a_channel_makes_no_error_that_follows_its_motion_larger(error:
     fit = _Search(box.unknown("all"), {})([record], LikelihoodOptions(errors=(error,)))
     found, deviation = fit.size_of(fit.terms[0])
     assert abs(found - size) < 4.0 * deviation
+
+
+@pytest.mark.parametrize(("chi_square", "searches"), [(2e3, 3), (1e2, 1)])
+def test_a_search_that_converged_far_from_the_noise_of_quiet_sensors_is_repeated_beside_more(
+    monkeypatch: pytest.MonkeyPatch, chi_square: float, searches: int
+) -> None:
+    """First beside a hundredth of the motion, then beside the noise that was found, from the values that were."""
+    box = oscillator("k*d + c*v", name="s", k=900.0, c=0.6)
+    record = lw.simulate(box, duration=2.0, rate=200.0, release={"x:m1": 0.03}).with_noise(80.0, seed=1)
+    search, options, asked = _Search(box.unknown("all"), {}), LikelihoodOptions(), []
+    fit = replace(search([record], options), chi_square=chi_square)
+
+    def answer(self: _Search, records: list[lw.Record], _: LikelihoodOptions) -> object:
+        asked.append((records[0].noise, self.given))
+        return fit
+
+    monkeypatch.setattr(_Search, "_from_starts", answer)
+    search([record], options)
+    part = 0.01 * np.std(record.channel("x:m1"))
+    beside = [({}, {}), ({"x:m1": pytest.approx(part)}, {}), (fit.noise, fit.by_name)]
+    assert asked == beside[:searches]

@@ -28,6 +28,7 @@ from linkwise.cli.options import (
 )
 from linkwise.display import near_miss
 from linkwise.files.mapping import channel_of
+from linkwise.files.table_to_record import IGNORED
 from linkwise.model import link
 from linkwise.signals.force_window import with_force_windows
 from linkwise.verdict import Basis
@@ -281,8 +282,19 @@ class RecordOptions(ReadingOptions):
         return record
 
     def read_motion_of(self, structure: lw.Structure) -> lw.Record:
-        """The record of what this structure has, its notes told."""
-        return self.read(tuple(dict.fromkeys((*structure.places, *structure.mass_names))))
+        """The record of what this structure has, its notes told; and unknown coefficients that have a column of their name."""
+        record = self.read(tuple(dict.fromkeys((*structure.places, *structure.mass_names))))
+        unread = next((told for told in record.notes if told.startswith(IGNORED)), "")
+        columns = unread.removeprefix(IGNORED).rstrip(".").split(", ")
+        for parameter in structure.parameters:
+            if (name := parameter.name.rpartition(".")[2]) in columns:
+                unit = parameter.unit.replace("?", "UNIT")
+                note(
+                    f"{parameter.name} is unknown, and a column is named {name}. If it was recorded, it is a signal: leave it "
+                    f'out of the coefficients, write signals = {{ {name} = "{unit}" }} at the top of the structure file, and '
+                    f"give --channel signal:{name}={name}."
+                )
+        return record
 
 
 record_options = grouped(RecordOptions, "source", click.argument("record", type=FILE))

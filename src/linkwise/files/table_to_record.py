@@ -80,6 +80,9 @@ def choose(
     return chosen
 
 
+IGNORED = "Columns that are not channels were ignored: "
+
+
 def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     """A note on the columns that are not used."""
     used = {choice.column for choice in chosen}
@@ -87,7 +90,7 @@ def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     for column in (own for i, own in enumerate(table.columns) if i not in used and own.header):
         remark = column.instead or _other_spelling(column)
         unused.append(f"{column.header} ({remark})" if remark else column.header)
-    return [f"Columns that are not channels were ignored: {_listed_names(unused)}."] if unused else []
+    return [f"{IGNORED}{_listed_names(unused)}."] if unused else []
 
 
 def _other_spelling(column: Column) -> str:

@@ -87,6 +87,7 @@ from linkwise.signals.noise import channel_noise
 
 _ENDED_EARLY = (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
 _QUIET = 1e-3  # of the motion: noise, at 60 dB, beside which a search creeps where laws leave more
+_FAR = 1e3  # chi-square a sample beside such noise, which no model error explains though a search converged
 _PART = 0.01  # of the motion, which stands for it until the residuals tell
 _DENOISED = 2  # times that a fit beside errors that follow the motion is repeated: the noise in them is then that of a fit
 
@@ -310,8 +311,8 @@ class _Search:
     def __call__(self, records: Sequence[Record], options: LikelihoodOptions) -> LikelihoodFit:
         """A fit; where it is lost again with noise of quiet channels, and with its motion for errors that follow it."""
         fit = self._from_starts(records, options)
-        lost = not fit.interrupted and (fit.status in _ENDED_EARLY or runs_away(fit))
-        if lost and (noisier := _with_noise_of_quiet(records)) is not None:
+        lost = fit.status in _ENDED_EARLY or fit.chi_square > _FAR or runs_away(fit)
+        if lost and not fit.interrupted and (noisier := _with_noise_of_quiet(records)) is not None:
             fit = self._from_starts(noisier, options)
             noisier = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
             fit = replace(self, given=fit.by_name)._from_starts(noisier, options)
