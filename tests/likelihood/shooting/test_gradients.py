@@ -27,13 +27,7 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.normal_equations import BorderedSystem, linearise
 from linkwise.likelihood.shooting.residuals import Gaussian, Huber, Loss, Misfit, Student, evaluate
 from linkwise.likelihood.shooting.segmentation import Cut, cut_segments
-from linkwise.likelihood.shooting.segments import (
-    ClippedReadings,
-    Iterate,
-    Scales,
-    Segments,
-    SensorErrors,
-)
+from linkwise.likelihood.shooting.segments import ClippedReadings, Iterate, Scales, Segments, SensorErrors
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.terms import Delay, Drift, Gain, Hum, Offset, Term
 
@@ -72,9 +66,8 @@ def records(three: lw.Structure) -> list[lw.Record]:
 def segments(records: list[lw.Record], unknown: lw.Structure) -> Segments:
     cut = cut_segments(Cut(records, 5, 4), unknown, System.of(unknown))
     shown = [name for name in CHANNELS if not name.startswith(("force:", "x:base"))]
-    channels = np.array([shown.index(name) for name in OFFSETS])
-    errors = SensorErrors(channels, [np.ones((5, cut.count))] * len(channels))
-    return replace(cut, errors=errors, sensors=replace(cut.sensors, offsets=len(channels)))
+    errors = SensorErrors(np.array([shown.index(name) for name in OFFSETS]), [np.ones((5, cut.count))] * 2)
+    return replace(cut, errors=errors, sensors=replace(cut.sensors, offsets=len(OFFSETS)))
 
 
 @pytest.fixture(scope="module")

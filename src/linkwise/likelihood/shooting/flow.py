@@ -325,10 +325,6 @@ class Trajectories(OverSegments):
         pairs = ((getattr(others, name), getattr(self, name)) for name in self.along)
         return Trajectories(*(np.where(where, *pair) for pair in pairs))
 
-    def end_to_end(self, parts: Indices) -> Trajectories:
-        """The trajectories of segments that consist of several of these each, whose numbers are `parts` (K', f)."""
-        return self.mapped(lambda values: end_to_end(values, parts, len(values) - 1))
-
     def thinned(self, refine: int) -> Trajectories:
         """The same orbit in longer steps: ends of old steps become middles of new ones.
 
@@ -350,15 +346,16 @@ class Trajectories(OverSegments):
         return Trajectories(states, *(values[::refine] for values in halves))
 
 
-def end_to_end(values: NDArray[Any], parts: Indices, steps: int) -> NDArray[Any]:
-    """(f J, ..., K') of values (J, ..., K) in segments of J `steps`, of which `parts` (K', f) are joined; and, where there is
-    one, the value at the end of the last step.
+def end_to_end(values: NDArray[Any], parts: Indices, *, shared: int = 0) -> NDArray[Any]:
+    """(f J, ..., K') of values (J, ..., K) in segments of which `parts` (K', f) are joined.
+
+    The values at the end that are `shared` with the next segment, 1 of an orbit, are those of the last part.
     """
-    behind = len(values) - steps
-    both = np.empty((parts.shape[1] * steps + behind, *values.shape[1:-1], len(parts)), values.dtype)
+    steps = len(values) - shared
+    both = np.empty((parts.shape[1] * steps + shared, *values.shape[1:-1], len(parts)), values.dtype)
     for number, own in enumerate(parts.T):
         np.take(values[:steps], own, axis=-1, out=both[number * steps : (number + 1) * steps])
-    both[len(both) - behind :] = values[steps:][..., parts[:, -1]]
+    both[len(both) - shared :] = values[steps:][..., parts[:, -1]]
     return both
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -607,7 +607,7 @@ class LongerSegments:
             return None
         parts = _parts(shorter)
         joined = shorter.linked[parts[:-1, -1]]
-        together = shorter.mapped(lambda values: end_to_end(values, parts, len(values)), parts[:, 0])
+        together = shorter.mapped(partial(end_to_end, parts=parts), parts[:, 0])
         once = _once(parts, len(shorter.samples))
         clipped = together.clipped and together.clipped.mapped(lambda values: values * once)
         observed = together.observed & once
@@ -624,14 +624,14 @@ class LongerSegments:
         parts, orbit, once = self.parts, shorter.orbit, _once(self.parts, len(shorter.residuals))
 
         def joined(values: Floats) -> Floats:
-            return np.asarray(once * end_to_end(values, parts, len(values)))
+            return np.asarray(once * end_to_end(values, parts))
 
         defects = shorter.defects[:, parts[:-1, -1]]
         return replace(
             shorter,
             segments=self.segments,
             point=self.point(shorter.point),
-            orbit=Orbit(lambda: orbit.trajectories.end_to_end(parts)),
+            orbit=Orbit(lambda: orbit.trajectories.mapped(partial(end_to_end, parts=parts, shared=1))),
             residuals=joined(shorter.residuals),
             clipped=shorter.clipped and shorter.clipped.mapped(joined),
             defects=defects,
