@@ -33,11 +33,11 @@ from linkwise.errors import (
     require_known,
 )
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import Posterior
+from linkwise.estimates.uncertainty import Answer, KnownAnswer, Posterior
 from linkwise.model.excitation import Excitation, Impulse, InputSignal, Sampled, TimeFunction
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.response.options import Answer, AskedStructure, ResponseOptions
+from linkwise.response.options import ResponseOptions
 from linkwise.response.result import Response
 from linkwise.verdict import UNGRADED, Basis, Verdict
 
@@ -474,7 +474,7 @@ def design(
     expect("design(structure, over): structure", structure, Structure, Estimate, Posterior, str, Path)
     expect("design(structure, over): over", over, Mapping)
     options = options or DesignOptions()
-    given = AskedStructure.of(structure)
+    given = KnownAnswer.of(structure)
     subject, drawn = given.structure, _drawn_beside(given.posterior, options, over)
     simulated = options_given(AbsorptionOptions.of, None, keywords)
     asked = _Question(drawn, over, minimise, options, simulated)

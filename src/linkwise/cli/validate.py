@@ -11,7 +11,7 @@ import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, note, progress
 from linkwise.cli.options import ANSWER, POSITIVE, grouped, typed
 from linkwise.cli.reading_options import RecordOptions, record_options
-from linkwise.identification.validated_answer import ValidatedAnswer
+from linkwise.identification.validated_answer import answer_in_numbers
 from linkwise.output import VALIDATION
 
 
@@ -63,7 +63,7 @@ def validate(source: RecordOptions, answer: Path, scoring: ScoringOptions, deliv
       linkwise validate second.csv answer/structure.toml --json
     """
     source.refuse_unknown_errors()
-    subject = ValidatedAnswer.of(answer)
+    subject = answer_in_numbers(answer)
     if subject.basis.remark and not answer.is_dir():  # that of a folder is a finding
         note(f"{answer}: {subject.basis.remark}")
     note(*source.masses_beside(subject.structure))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -326,38 +325,22 @@ class ExactRounds(Rounds):
     def ends(self, fit: LikelihoodFit) -> bool:
         return fit.status is AnnealingStatus.INTERRUPTED
 
-    def best(self, chosen: frozenset[str], known: LikelihoodFit | None = None) -> Selection:
-        """The subset that no candidate tested improves, else the best visited.
-
-        The motion may run away from where a round led, or the fit to where the record says nothing of a parameter.
-        """
-        selections, error = self.select(chosen, known=known)
-        if not selections:
-            if isinstance(error, IdentificationError):
-                raise error
-            raise singular(chosen) from None
-        last = selections[-1]
-        if last.settled or last.interrupted:
-            return last
-        return replace(best_of(selections), rounds=last.rounds)
-
 
 def select_structure(search: TermSearch, chosen: Collection[str]) -> Selection:
     """The subset, searched from `chosen`, that no candidate tested improves.
 
     If the rounds run out, or the search returns to a subset that it had left, `settled` is False and the result the best
-    subset visited. Beside hosts the search begins with the stated links alone where these leave only noise: a screen without
-    displacements may take others for them.
+    subset visited. The motion may run away from where a round led, or the fit to where the record says nothing of a parameter.
     """
-    rounds, candidates, stated = ExactRounds(search), search.candidates, None
-    if candidates.hosts and any(pair.stated for pair in candidates.pairs):
-        # a mass may be without a link, or the motion run away
-        with suppress(IdentificationError, np.linalg.LinAlgError):
-            structure = candidates.structure(())
-            stated = rounds.fit(structure, search.start(structure), rounds.options(1, None))
-    if stated and (leaves_only_noise(stated) or stated.status is AnnealingStatus.INTERRUPTED):
-        return rounds.best(frozenset(), known=stated)
-    return rounds.best(frozenset(chosen))
+    selections, error = ExactRounds(search).select(frozenset(chosen))
+    if not selections:
+        if isinstance(error, IdentificationError):
+            raise error
+        raise singular(chosen) from None
+    last = selections[-1]
+    if last.settled or last.interrupted:
+        return last
+    return replace(best_of(selections), rounds=last.rounds)
 
 
 def starts_of(

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.display import from_csv_cell, listed, to_csv
-from linkwise.errors import IdentificationError, RecordError
+from linkwise.errors import IdentificationError, RecordError, StructureError
+from linkwise.estimates.causes import Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.coefficient import MASS, Name
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
-from linkwise.output import RESULT
-from linkwise.verdict import STATUSES, UNGRADED, Basis, Verdict
+from linkwise.output import RESULT, answer_folder
+from linkwise.verdict import STATUSES, UNGRADED, Basis, Grade, Verdict
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
@@ -360,3 +364,98 @@ def _why_no_covariance(folder: Path) -> str:
     else:
         why = " in this folder; identify again with this version"
     return f"there is no covariance{why}, or give its structure.toml"
+
+
+_STRUCTURE = "structure.toml"
+Answer = Structure | Estimate | Posterior | str | Path
+
+
+@dataclass(frozen=True, eq=False)
+class KnownAnswer:
+    """The structure of an answer, and what is known of the errors of its coefficients, its laws and the sensors.
+
+    `posterior` is that of the coefficients, or None, `without` then why the answer gives none; `ranges` in m are those that
+    the elongations of its links visited in the record, `model_error` is a part of the forces, and `added` what was taken into
+    the model.
+    """
+
+    structure: Structure
+    posterior: Posterior | None = None
+    basis: Basis = UNGRADED
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    model_error: float = 0.0
+    sensor_errors: tuple[SensorErrorEstimate, ...] = ()
+    added: tuple[Cause, ...] = ()
+    without: str = ""
+
+    @classmethod
+    def of(cls, answer: Answer) -> KnownAnswer:
+        """What an answer in any of its forms says. Raises the errors of reading."""
+        match answer:
+            case Structure():
+                return cls(answer)
+            case Posterior():
+                return cls(answer.structure, answer, answer.basis)
+            case Estimate():
+                return cls(
+                    answer.structure,
+                    None if answer.without_intervals else Posterior.of(answer),
+                    Basis(answer.grade, answer.status),
+                    {link.link.name: link.d_range for link in answer.links},
+                    0.0 if answer.grade is Grade.REFUSED else answer.model_error,
+                    answer.sensor_errors,
+                    answer.added,
+                    answer.without_intervals,
+                )
+        path = answer_folder(Path(answer))
+        if not path.is_dir():
+            return cls(read_structure(path), basis=Basis.stated_in(path))
+        structure, known = read_structure(path), (path / COVARIANCE).exists()
+        stated = {"basis": Basis.stated_in(path), **_stated_in_result(path / RESULT)}
+        return cls(structure, read_posterior(path) if known else None, **stated)
+
+    def farthest(self, d: Floats) -> str:
+        """The link whose elongation in `d` (M, L) m goes farthest beyond the range it visited; "" where none does."""
+        worst, most = "", 1.0
+        for number, link in enumerate(self.structure.links):
+            low, high = self.ranges.get(link.name, (0.0, 0.0))
+            if high > low:
+                middle, half = 0.5 * (low + high), 0.5 * (high - low)
+                beyond = float(np.abs(d[:, number] - middle).max() / half)
+                worst, most = (link.name, beyond) if beyond > most else (worst, most)
+        return worst
+
+
+def _stated_in_result(path: Path) -> dict[str, Any]:
+    """What a result file states of its answer, by the fields of `KnownAnswer`; of one that cannot be read, that alone.
+
+    Raises StructureError for a status that linkwise does not write.
+    """
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+        status, grade = str(result["status"]), Grade(result.get("grade", "refused"))
+        error = 0.0 if grade is Grade.REFUSED else float(result.get("model_error_percent") or 0.0) / 100.0
+        visited = {str(link["name"]): link["range"]["d"] for link in result.get("links", ())}
+        stated = {
+            "basis": Basis(grade, status),
+            "ranges": {name: (float(low), float(high)) for name, (low, high) in visited.items()},
+            "model_error": error if isfinite(error) and error >= 0.0 else 0.0,
+            "sensor_errors": tuple(map(SensorErrorEstimate.from_dict, result.get("sensor_errors", ()))),
+            "added": tuple(map(_added, result.get("added", ()))),
+            "without": status,
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {"without": f"no covariance is beside {_STRUCTURE}"}
+    if status not in STATUSES:
+        raise StructureError(
+            f"states the status {status!r}, which linkwise does not write; identify again, or give the {_STRUCTURE} "
+            "beside it",
+            str(path),
+        )
+    return stated
+
+
+def _added(document: Mapping[str, Any]) -> Cause:
+    """A cause as result.json holds it, by what takes it out of a record."""
+    size, source = float(document["size"]), str(document.get("source", ""))
+    return Cause(str(document["cause"]), str(document["where"]), size, "1", 0.0, 0.0, source=source)

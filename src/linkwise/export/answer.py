@@ -15,7 +15,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import OutputError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.identification.validated_answer import ValidatedAnswer
+from linkwise.identification.validated_answer import answer_in_numbers
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
 from linkwise.templates import filled
@@ -55,7 +55,7 @@ class ExportedAnswer:
     @classmethod
     def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ExportedAnswer:
         """What an answer in any of its forms says; StructureError where a coefficient has no value."""
-        given = ValidatedAnswer.of(answer)
+        given = answer_in_numbers(answer)
         names: tuple[str, ...] = ()
         covariance = np.zeros((0, 0))
         notes = [given.basis.remark] if given.basis.remark else []

@@ -17,7 +17,7 @@ import scipy
 from linkwise.arrays import Floats, stretches
 from linkwise.errors import IdentificationError, RecordError, expect
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import Posterior, covariance_root
+from linkwise.estimates.uncertainty import KnownAnswer, Posterior, covariance_root
 from linkwise.identification.prediction import (
     Prediction,
     WindowPredictor,
@@ -27,11 +27,13 @@ from linkwise.identification.prediction import (
 )
 from linkwise.identification.validated_answer import (
     LEVEL,
-    ValidatedAnswer,
     agreements,
+    answer_in_numbers,
     estimated_again,
     refittable_names,
     sensor_noise,
+    taken_as_exact,
+    with_uncertain,
     without_exchanges,
     without_found_errors,
 )
@@ -276,15 +278,15 @@ def validate(
     """
     expect("validate(record, answer): record", record, Record)
     expect("validate(record, answer): answer", answer, Structure, Estimate, Posterior, str, Path)
-    given = ValidatedAnswer.of(answer)
-    structure, posterior, remarks = given.structure, given.posterior, given.remarks
+    given = answer_in_numbers(answer)
+    structure, posterior = given.structure, given.posterior
     law_error = _law_error(given.model_error if model_error is None else model_error)
-    record, exchanged = without_exchanges(in_units_of(record, structure), given.exchanged)
+    record, exchanged = without_exchanges(in_units_of(record, structure), given.added)
     record = with_force_windows(record)
     scored = _channels_of_rig(record, structure) if structure.on_rig else usable(record, structure)
     unscored = _unscored_remark(record, scored)
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
-    remarks = (*remarks, *exchanged, *unscored, *taken_out, *unknown_sensors(scored))
+    remarks = (*taken_as_exact(given), *exchanged, *unscored, *taken_out, *unknown_sensors(scored))
     predicted = _predicted_on_rig if structure.on_rig else _predicted_motion
     first = part(progress, 0.0, 0.6 if refit else 1.0)
     samples, prediction, steps, noise = predicted(scored, given, burn, law_error, first)
@@ -326,7 +328,7 @@ def validate(
 
 
 def _predicted_motion(
-    scored: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
+    scored: Record, given: KnownAnswer, burn: float | None, law_error: float, progress: Progress
 ) -> _Predicted:
     """Samples of the burn, the prediction of masses that move freely, that one step ahead, and the noise by channel."""
     structure = given.structure
@@ -335,7 +337,7 @@ def _predicted_motion(
     samples = _burn_samples(used, burn)
     noise = sensor_noise(used)
     sigma = np.array([noise[name] for name in used.responses])
-    free, values, covariance = given.uncertain
+    free, values, covariance = with_uncertain(given)
     predictor = WindowPredictor(used, free, values, covariance_root(covariance), sigma, law_error)
     prediction = predict(predictor, samples, progress)
     ahead, variance = one_step(predictor, samples)
@@ -410,7 +412,7 @@ def _channels_of_rig(record: Record, structure: Structure) -> Record:
 
 
 def _predicted_on_rig(
-    scored: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
+    scored: Record, given: KnownAnswer, burn: float | None, law_error: float, progress: Progress
 ) -> _Predicted:
     """The same of links along the recorded motion of a rig, whose states are estimated from the samples of the burn alone.
 
@@ -422,7 +424,7 @@ def _predicted_on_rig(
         of_structure = RigProblem.of([scored], structure).with_substeps(_SUBSTEPS)
     except IdentificationError as error:
         raise RecordError(str(error)) from None
-    free, theta, known = given.uncertain
+    free, theta, known = with_uncertain(given)
     started, covariance = _states_at_start(of_structure, samples)
     fit = replace(
         started, problem=replace(of_structure, structure=free), unknowns=np.append(theta, started.unknowns)

@@ -4,12 +4,10 @@ its coefficients.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy
@@ -18,129 +16,52 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError, StructureError
 from linkwise.estimates.causes import CROSSTALK, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
+from linkwise.estimates.uncertainty import Answer, KnownAnswer, Posterior
 from linkwise.identification.validation_result import CoefficientAgreement
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected
 from linkwise.likelihood.estimate import MaximumLikelihood
 from linkwise.model.coefficient import MASS, Coefficient, Name
 from linkwise.model.host import is_between_modes
 from linkwise.model.structure import Structure
-from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
 from linkwise.progress import Progress
 from linkwise.records.channel import SensorUncertainty
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
-from linkwise.verdict import STATUSES, UNGRADED, Basis, Grade
 
 _STRUCTURE = "structure.toml"
 
 
-@dataclass(frozen=True, eq=False)
-class ValidatedAnswer:
-    """A structure of numbers, with what is known of the errors of its coefficients, its laws and the sensors.
-
-    That is the distribution of the coefficients if known, the model error, remarks on these, errors of sensors, and signs,
-    units and places of channels that were taken out of the records; and the grade of the answer.
-    """
-
-    structure: Structure
-    posterior: Posterior | None = None
-    model_error: float = 0.0
-    remarks: tuple[str, ...] = ()
-    sensor_errors: tuple[SensorErrorEstimate, ...] = ()
-    exchanged: tuple[Cause, ...] = ()
-    basis: Basis = UNGRADED
-
-    @property
-    def uncertain(self) -> tuple[Structure, Floats, Floats]:
-        """The structure with its uncertain coefficients as unknowns, their values (p,) in that order, and their covariance."""
-        posterior = self.posterior
-        if posterior is None or not posterior.names:
-            return self.structure, np.zeros(0), np.zeros((0, 0))
-        free = uncertain(posterior)
-        order = [posterior.names.index(parameter.name) for parameter in free.parameters]
-        return free, posterior.values[order], posterior.beside_terms_kept[np.ix_(order, order)]
-
-    @classmethod
-    def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ValidatedAnswer:
-        """What an answer in any of its forms says; StructureError where a coefficient has no value."""
-        if isinstance(answer, str | Path):
-            return _read_answer(Path(answer))
-        if isinstance(answer, Posterior):
-            return cls(answer.structure, answer, basis=answer.basis)
-        if isinstance(answer, Estimate):
-            error = 0.0 if answer.grade is Grade.REFUSED else answer.model_error
-            exchanged = tuple(cause for cause in answer.added if cause.kind in EXCHANGES)
-            graded = answer.sensor_errors, exchanged, Basis(answer.grade, answer.status)
-            if why := answer.without_intervals:
-                return cls(answer.structure, None, error, (_taken_as_exact(why),), *graded)
-            return cls(answer.structure, Posterior.of(answer), error, (), *graded)
-        return cls(_with_numbers_alone(answer))
-
-
-def _taken_as_exact(why: str) -> str:
-    return (
-        f"The coefficients are taken as exact, since the answer does not say how far they may be off ({why})."
-    )
-
-
-def _with_numbers_alone(structure: Structure, file: str | Path = "") -> Structure:
-    for parameter in structure.parameters:
-        inside = Path(file).parent / "answer"
+def answer_in_numbers(answer: Answer) -> KnownAnswer:
+    """What an answer in any of its forms says; StructureError where a coefficient has no value."""
+    given = KnownAnswer.of(answer)
+    for parameter in given.structure.parameters:
+        path = Path(answer) if isinstance(answer, str | Path) else None
+        file = path / _STRUCTURE if path and path.is_dir() else path
+        inside = file.parent / "answer" if file else Path()
         raise StructureError(
             f"{parameter.name} is unknown, and every coefficient must be a number here: identify it first, or give one"
             f"{f'; an answer is in {inside}' if (inside / RESULT).is_file() else ''}",
-            str(file),
+            str(file or ""),
         )
-    return structure
+    return given
 
 
-def _read_answer(path: Path) -> ValidatedAnswer:
-    """A result folder of identify or discover, or a structure file."""
-    if not path.is_dir():
-        return ValidatedAnswer(_with_numbers_alone(read_structure(path), path), basis=Basis.stated_in(path))
-    structure = _with_numbers_alone(read_structure(path), path / _STRUCTURE)
-    status, stated = _stated_in_result(path / RESULT)
-    known = (path / COVARIANCE).exists()
-    posterior, remarks = (read_posterior(path), ()) if known else (None, (_taken_as_exact(status),))
-    return ValidatedAnswer(structure, posterior, remarks=remarks, **stated)
+def taken_as_exact(given: KnownAnswer) -> tuple[str, ...]:
+    """A sentence on the coefficients of an answer that does not tell their errors."""
+    why = "The coefficients are taken as exact, since the answer does not say how far they may be off"
+    return (f"{why} ({given.without}).",) if given.posterior is None and given.without else ()
 
 
-def _stated_in_result(path: Path) -> tuple[str, dict[str, Any]]:
-    """The status that a result file states, and of the answer its grade, the model error and errors of sensors.
-
-    Nothing of the answer where the file cannot be read, so that the laws and sensors count as exact. Raises StructureError for
-    a status that linkwise does not write.
-    """
-    try:
-        result = json.loads(path.read_text(encoding="utf-8"))
-        status = str(result["status"])
-        grade = Grade(result.get("grade", "refused"))
-        error = 0.0 if grade is Grade.REFUSED else float(result.get("model_error_percent") or 0.0) / 100.0
-        of_sensors = tuple(map(SensorErrorEstimate.from_dict, result.get("sensor_errors", ())))
-        exchanged = tuple(_exchange(one) for one in result.get("added", ()) if one["cause"] in EXCHANGES)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return f"no covariance is beside {_STRUCTURE}", {}
-    if status not in STATUSES:
-        raise StructureError(
-            f"states the status {status!r}, which linkwise does not write; identify again, or give the {_STRUCTURE} "
-            "beside it",
-            str(path),
-        )
-    return status, {
-        "model_error": error if math.isfinite(error) and error >= 0.0 else 0.0,
-        "sensor_errors": of_sensors,
-        "exchanged": exchanged,
-        "basis": Basis(grade, status),
-    }
-
-
-def _exchange(document: Mapping[str, Any]) -> Cause:
-    """A cause as result.json holds it, by what takes it out of a record."""
-    size, source = float(document["size"]), str(document.get("source", ""))
-    return Cause(str(document["cause"]), str(document["where"]), size, "1", 0.0, 0.0, source=source)
+def with_uncertain(given: KnownAnswer) -> tuple[Structure, Floats, Floats]:
+    """The structure with its uncertain coefficients as unknowns, their values (p,) in that order, and their covariance."""
+    posterior = given.posterior
+    if posterior is None or not posterior.names:
+        return given.structure, np.zeros(0), np.zeros((0, 0))
+    free = uncertain(posterior)
+    order = [posterior.names.index(parameter.name) for parameter in free.parameters]
+    return free, posterior.values[order], posterior.beside_terms_kept[np.ix_(order, order)]
 
 
 _ORDER = (CROSSTALK, "offset", "gain", "delay", "clock")  # in which they are undone: an offset is added last
@@ -180,10 +101,10 @@ def without_found_errors(
     return record, tuple(remarks)
 
 
-def without_exchanges(record: Record, exchanged: Sequence[Cause]) -> tuple[Record, tuple[str, ...]]:
+def without_exchanges(record: Record, added: Sequence[Cause]) -> tuple[Record, tuple[str, ...]]:
     """The record without the signs, units and places that an answer took out of its own, and a sentence on it."""
     changed = []
-    for cause in exchanged:
+    for cause in (cause for cause in added if cause.kind in EXCHANGES):
         given, record = record, corrected(record, cause)
         changed += [] if np.array_equal(record.values, given.values, equal_nan=True) else [cause.description]
     if not changed:

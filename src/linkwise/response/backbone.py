@@ -15,7 +15,7 @@ from linkwise.arrays import Floats
 from linkwise.display import JudgedView, align_columns
 from linkwise.errors import SimulationError, expect
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import Posterior
+from linkwise.estimates.uncertainty import Answer, KnownAnswer, Posterior
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
@@ -24,7 +24,7 @@ from linkwise.response.bands import drawn_structures, spread
 from linkwise.response.continuation import Point, follow, locate, solve, turned
 from linkwise.response.measured_points import MeasuredPoints, decay_points
 from linkwise.response.modal_motion import FreeMotion, ModalMotion, PhaseResonance
-from linkwise.response.options import FORCE, Answer, AskedStructure, Drive, shown_channels
+from linkwise.response.options import FORCE, Drive, shown_channels
 from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows
 from linkwise.verdict import UNGRADED, Basis, Verdict
 
@@ -284,7 +284,7 @@ def backbone(
     """
     expect("backbone(answer, mode): answer", answer, Structure, Estimate, Posterior, str, Path)
     expect("backbone(answer, mode): mode", mode, int)
-    asked = AskedStructure.of(answer)
+    asked = KnownAnswer.of(answer)
     structure = asked.structure
     refuse_rig(structure, "backbones")
     channels = shown_channels(structure, show)

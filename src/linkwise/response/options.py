@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TypedDict, Unpack, final
 
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.errors import IdentificationError, SimulationError, expect
-from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
+from linkwise.errors import SimulationError, expect
 from linkwise.expression import Expression
 from linkwise.expression.parser import parse
 from linkwise.model.link import BASE, refuse_signals
 from linkwise.model.structure import Structure
-from linkwise.model.structure_file import read_structure
-from linkwise.output import RESULT, answer_folder
 from linkwise.records.channel import Channel
 from linkwise.simulation.run import check_base, check_place
-from linkwise.verdict import UNGRADED, Basis
 
 FORCE = "force"
 # unit, which derivative is harmonic, and the force or the displacement where what is harmonic is size*cos(omega*t)
@@ -282,60 +275,3 @@ def shown_channels(
             )
         check_place(channel, structure, what)
     return channels
-
-
-Answer = Structure | Estimate | Posterior | str | Path
-Ranges = Mapping[str, tuple[float, float]]
-
-
-@dataclass(frozen=True, eq=False)
-class AskedStructure:
-    """A structure, the `posterior` that it was drawn from if it was identified, and the `ranges` in m that the elongations of
-    its links visited in the record, where they are known; and the grade of the answer.
-    """
-
-    structure: Structure
-    posterior: Posterior | None = None
-    ranges: Ranges = field(default_factory=dict)
-    basis: Basis = UNGRADED
-
-    @classmethod
-    def of(cls, answer: Answer) -> AskedStructure:
-        """What an answer holds; of one without intervals the structure alone. Raises the errors of reading."""
-        match answer:
-            case Structure():
-                return cls(answer)
-            case Posterior():
-                return cls(answer.structure, answer, basis=answer.basis)
-            case Estimate():
-                ranges = {link.link.name: link.d_range for link in answer.links}
-                try:
-                    return cls(answer.structure, posterior := Posterior.of(answer), ranges, posterior.basis)
-                except IdentificationError:
-                    return cls(answer.structure, None, ranges, Basis(answer.grade, answer.status))
-        path = answer_folder(Path(answer))
-        if not (path / COVARIANCE).exists():
-            return cls(read_structure(path), None, _visited_ranges(path), Basis.stated_in(path))
-        posterior = read_posterior(path)
-        return cls(posterior.structure, posterior, _visited_ranges(path), posterior.basis)
-
-    def farthest(self, d: Floats) -> str:
-        """The link whose elongation in `d` (M, L) m goes farthest beyond the range it visited; "" where none does."""
-        worst, most = "", 1.0
-        for number, link in enumerate(self.structure.links):
-            low, high = self.ranges.get(link.name, (0.0, 0.0))
-            if high > low:
-                middle, half = 0.5 * (low + high), 0.5 * (high - low)
-                beyond = float(np.abs(d[:, number] - middle).max() / half)
-                worst, most = (link.name, beyond) if beyond > most else (worst, most)
-        return worst
-
-
-def _visited_ranges(folder: Path) -> Ranges:
-    """The ranges that the result in a folder states."""
-    try:
-        links = json.loads((folder / RESULT).read_text(encoding="utf-8"))["links"]
-        ranges = {str(link["name"]): link["range"]["d"] for link in links}
-        return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}

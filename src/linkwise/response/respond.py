@@ -16,7 +16,7 @@ from linkwise.analysis.rest_positions import equilibria
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError, expect, options_given
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import Posterior
+from linkwise.estimates.uncertainty import Answer, KnownAnswer, Posterior
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import Channel
@@ -24,8 +24,6 @@ from linkwise.response.bands import banded
 from linkwise.response.continuation import Point
 from linkwise.response.harmonic_balance import HarmonicBalance
 from linkwise.response.options import (
-    Answer,
-    AskedStructure,
     ResponseKeywords,
     ResponseOptions,
     shown_channels,
@@ -100,7 +98,7 @@ def respond(
     """
     expect("respond(answer): answer", answer, Structure, Estimate, Posterior, str, Path)
     started = time.perf_counter()
-    asked = AskedStructure.of(answer)
+    asked = KnownAnswer.of(answer)
     structure, chosen = asked.structure, options_given(ResponseOptions.of, options, keywords)
     refuse_rig(structure, "steady motion")
     chosen.drive.check(structure)
@@ -204,7 +202,7 @@ class _ShownMotion(NamedTuple):
 class _Shown:
     """Motions as the channels that are shown."""
 
-    asked: AskedStructure
+    asked: KnownAnswer
     channels: tuple[Channel, ...]
     _kept: dict[int, _ShownMotion] = field(default_factory=dict)
 

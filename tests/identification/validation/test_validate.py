@@ -213,6 +213,9 @@ def test_a_result_folder_is_an_answer(answer: lw.Estimate, agreeing: lw.Validati
     (folder / "covariance.csv").unlink()
     bare = lw.validate(forced(duffing(), 2)[300:], folder)
     assert not bare.coefficients and "taken as exact" in bare.remarks[0]
+    inside = lw.validate(forced(duffing(), 2)[300:], tmp_path)  # as that of a first start
+    assert inside.channels == bare.channels
+    (folder / "result.json").unlink()
     with pytest.raises(lw.StructureError, match=r"there is no structure\.toml"):
         lw.validate(forced(duffing(), 2), tmp_path)
 
