@@ -20,7 +20,6 @@ import linkwise as lw
 from linkwise.cli.options import FOLDER, STRUCTURE, Decorator, gathered
 from linkwise.display import shortened
 from linkwise.errors import OutputError
-from linkwise.model.structure_file import structure_tables
 from linkwise.output import check_result_folder, to_json
 from linkwise.progress import Progress, silent
 from linkwise.registry import lazy_module
@@ -30,10 +29,12 @@ if TYPE_CHECKING:
     from rich import console as terminal
     from rich import progress as bars
 
+    from linkwise.model import structure_file
     from linkwise.model.structure import Structure
     from linkwise.report import result_folder as folders
 else:  # rich is for terminals
     folders = lazy_module("linkwise.report.result_folder")
+    structure_file = lazy_module("linkwise.model.structure_file")
     terminal = lazy_module("rich.console")
     bars = lazy_module("rich.progress")
 
@@ -148,7 +149,7 @@ def deliver_structure(
     if file is not None:
         lw.write_structure(written, file)
     if as_json:
-        click.echo(to_json({**structure_tables(written), **further}))
+        click.echo(to_json({**structure_file.structure_tables(written), **further}))
     elif file is None:
         click.echo(lw.model.format_structure(written).rstrip())
 

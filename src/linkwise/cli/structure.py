@@ -13,15 +13,16 @@ import linkwise as lw
 from linkwise.cli.console import deliver_structure, note
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE, STRUCTURE, grouped, typed
-from linkwise.model.structure_file import structure_tables
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
 from linkwise.templates import filled
 
 if TYPE_CHECKING:
+    from linkwise.model import structure_file
     from linkwise.plot import estimates
 else:  # matplotlib loads where a figure is drawn
     estimates = lazy_module("linkwise.plot.estimates")
+    structure_file = lazy_module("linkwise.model.structure_file")
 
 MANY = 20  # masses past which equilibria and modes are not searched for: nobody reads them in a terminal
 SHOWN = 4  # stable equilibria
@@ -118,7 +119,7 @@ def show(file: Path, options: ShownOptions) -> None:
         except lw.StructureError as error:  # as where the force of a link vanishes without end
             why = str(error)
     if options.as_json:
-        click.echo(to_json({**structure_tables(subject), "equilibria": rests}))
+        click.echo(to_json({**structure_file.structure_tables(subject), "equilibria": rests}))
         return
     written = {"subject": subject, "stem": file.stem, "rests": rests, "why": why}
     click.echo(filled("cli", "structure.txt.jinja", shown=_shown, **written).rstrip())
