@@ -281,21 +281,19 @@ symmetric law by half of that."""
 _OF_WELLS = 0.005
 """Of a coefficient, the same at least: wells whose forces differ by 1 %, which nobody calls symmetric, move it by that."""
 
-_RESEMBLES = 2.0
-"""Times the change that any answer holds: where wells are crossed for a part of the record, they tell an asymmetry so badly
-that coefficients are nine errors off beside a score of one. Other motion on both sides of d = 0 tells it of itself."""
-
 
 def asymmetry(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     """What asymmetry that the records leave open adds to the covariance of a fit that leaves only noise; None where none is.
 
     In one well the rest position and the frequency are two facts, and with a term in d**2 a law has three coefficients for
-    them: the residuals stay noise, and those of a symmetric law are off by many standard errors.
+    them: the residuals stay noise, and those of a symmetric law are off by many standard errors. Wells that are crossed for a
+    part of the record tell little more: coefficients were nine errors off beside a score of one. Other motion on both sides of
+    d = 0 tells an asymmetry of itself.
     """
-    far = _RESEMBLES * np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     known = {link.name for link in tested.structure.links if ASYMMETRY in linear_terms(link)}
     numbers = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where not in known)
-    held = list(_bounded(fit, tested, numbers, far, most=_ASYMMETRY, least=_OF_WELLS))
+    held = list(_bounded(fit, tested, numbers, deviations, most=_ASYMMETRY, least=_OF_WELLS))
     if not held:
         return None
     changes = np.column_stack([change / NORMAL_95 for _, change in held])
