@@ -47,7 +47,7 @@ def dense(equations: BorderedSystem) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("nodes", "m", "p"),  # the last is assembled in two parts
-    [(1, 4, 3), (2, 4, 3), (3, 4, 3), (37, 5, 2), (40, 3, 1), (1, 128, 5), (6, 128, 5), (20, 64, 200)],
+    [(1, 4, 3), (2, 4, 3), (3, 4, 3), (37, 5, 2), (40, 3, 1), (1, 128, 5), (6, 128, 5), (12, 64, 60)],
 )
 def test_steps_of_a_dense_matrix(nodes: int, m: int, p: int) -> None:
     """With all that is free, with some or all of the border held, and held elsewhere."""
@@ -96,7 +96,7 @@ def test_steps_of_a_dense_matrix(nodes: int, m: int, p: int) -> None:
     )
 
 
-@pytest.mark.parametrize(("nodes", "m", "p"), [(7, 4, 3), (20, 64, 200)])
+@pytest.mark.parametrize(("nodes", "m", "p"), [(7, 4, 3), (12, 64, 60)])
 def test_some_of_the_border_alone_can_be_kept(nodes: int, m: int, p: int) -> None:
     equations, kept = system(nodes, m, p), np.array([0, p - 1])
     factor, some = present(equations.factor()), present(equations.factor(kept=kept))

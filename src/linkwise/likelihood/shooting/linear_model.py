@@ -2,9 +2,8 @@
 
 `eliminated_rows` has the rows of the samples with the states eliminated: sums over them are what samples say of the unknowns.
 
-Long records are tested in pieces (`tested_in_pieces`): a piece is a run of segments from one node to another, which it shares
-with the next. Eliminated piece by piece, in memory that does not grow with the record, all but the last node leave equations
-of that and of the unknowns of all, which join those of the next piece: the factor is that of the equations of all nodes.
+Long records, and structures of very many masses, are tested in pieces (`tested_in_pieces`): a piece is a run of segments,
+which are linearised when the elimination of nodes has come to them. The columns of what is tested never all stand at once.
 
 Where masses are many, the parts are those that an influence reaches within a segment. Neighbouring masses form clusters. Their
 states and the coefficients of their links are columns of sensitivities that differ from zero only near them: how near follows
@@ -17,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import combinations_with_replacement, pairwise
+from itertools import combinations_with_replacement
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -28,6 +27,7 @@ from linkwise.likelihood.shooting.normal_equations import (
     BorderedFactor,
     BorderedSystem,
     Linearization,
+    Nodes,
     Sums,
     add_prior,
     chunks,
@@ -50,7 +50,7 @@ from linkwise.likelihood.shooting.tangents import (
 )
 from linkwise.runtime import processors
 
-TOLERANCE = 1e-3
+TOLERANCE = 3e-4
 """Of the largest sensitivity to an unknown, all in units of the noise and of the defects: the largest that is left out."""
 _CLUSTER = 6  # masses at most
 _EVENLY, _STEEPEST = 8, 16  # segments whose sensitivities are computed for the whole structure
@@ -624,80 +624,79 @@ def eliminated_rows(
     return np.concatenate(own)
 
 
-_PIECE = (
-    4000  # segments in a piece: in shorter ones threads wait for each other, longer ones leave the caches
-)
+# segments in a piece: in shorter ones threads wait for each other, longer ones leave the caches
+_PIECE = 4000
+# numbers in the border of a piece of many masses: 0.1 GB in single precision, beside which each is marched at once
+_NUMBERS = 25_000_000
 
 
-def piece_ends(linked: Bools) -> Indices:
-    """The nodes at which pieces of segments end, the first and the last node among them.
+class _Pieces:
+    """The equations with what is tested in the border, linearised piece by piece as their nodes are asked for, in order.
 
-    None ends at the first node of another record, which would have neither samples nor a link in that piece.
-
-    Parameters
-    ----------
-    linked : array of bool, shape (K - 1,)
-        Which neighbouring segments are continuous.
-
-    Returns
-    -------
-    array of int, shape (P + 1,)
-        The nodes.
+    A piece is `size` segments and the node behind them. What the last segment leaves there joins the next piece, and the
+    border of all is summed in `corner` and `gradient`.
     """
-    count = len(linked) + 1
-    number = max(1, round(count / _PIECE))
-    ends = np.linspace(0, count - 1, number + 1).round().astype(int)
-    ends[1:-1] -= ~linked[ends[1:-1] - 1]
-    return ends
 
+    def __init__(
+        self,
+        misfit: Misfit,
+        q: float,
+        candidates: CandidateForces,
+        errors: SensorErrors | None,
+        executor: Executor,
+    ) -> None:
+        segments, (forces, sizes) = misfit.segments, extra_columns(candidates, errors)
+        p = segments.parameters + forces + sizes
+        self.misfit, self.q, self.candidates, self.errors = misfit, q, candidates, errors
+        self.executor, self.groups = executor, groups_at(misfit, candidates, errors)
+        self.shape = segments.count, segments.system.dimension, p + 1
+        self.size = min(_PIECE, max(1, _NUMBERS // (2 * self.shape[1] * (p + 1))))
+        self.corner, self.gradient = np.zeros((p, p)), np.zeros(p)
+        self.first, self.linear, self.own = 0, *self._linearised(0)
+        add_prior(self.corner, self.gradient, misfit)
 
-def piece_between(segments: Segments, first: int, last: int) -> Segments:
-    """The segments between two nodes, without what is known of the unknowns beforehand.
+    def put(self, some: slice, room: Nodes) -> None:
+        """As of `BorderedSystem`."""
+        before = None
+        if some.start == self.first + self.size:
+            before, self.first = self.linear, some.start
+            self.linear, self.own = self._linearised(some.start)
+        self.own.put(slice(some.start - self.first, some.stop - self.first), room)
+        if before is not None:
+            joined = before.joined[-1] / self.q**2
+            room[0][0, range(len(joined)), range(len(joined))] += joined * before.joined[-1]
+            room[2][0] -= joined[:, None] * before.right_ends[-1]
 
-    Parameters
-    ----------
-    segments : Segments
-        All segments.
-    first, last : int
-        The nodes.
-
-    Returns
-    -------
-    Segments
-        The piece; the samples behind its last node belong to the next, unless there is none.
-    """
-    piece = replace(segments.chosen(np.arange(first, last + 1)), prior=None)
-    if last < segments.count - 1:
-        observed = piece.observed.copy()
-        observed[..., -1] = False
-        piece = replace(piece, observed=observed)
-    return piece
-
-
-def but_the_last(equations: BorderedSystem, before: BorderedFactor | None) -> BorderedSystem:
-    """The equations of a piece with its last node in the border, before the other unknowns there.
-
-    Of the piece `before`, whose last node is the first of this one, that node and the border are left.
-    """
-    (diagonal, coupling, right), p = equations.nodes, len(equations.corner)
-    m = right.shape[1]
-    corner, gradient = np.zeros((m + p, m + p)), np.append(right[-1, :, p], equations.corner_gradient)
-    corner[:m, :m], corner[:m, m:], corner[m:, m:] = diagonal[-1], right[-1, :, :p], equations.corner
-    if before is not None:
-        diagonal[0] += before.schur[:m, :m]
-        right[0] += np.column_stack([before.schur[:m, m:], before.reduced[:m]])
-        corner[m:, m:] += before.schur[m:, m:]
-        gradient[m:] += before.reduced[m:]
-    corner[m:, :m] = corner[:m, m:].T
-    inner = np.concatenate([np.zeros((len(right) - 1, m, m)), right[:-1]], axis=2)
-    inner[-1, :, :m] = coupling[-1].T
-    return BorderedSystem.of((diagonal[:-1], coupling[:-1], inner), corner, gradient)
+    def _linearised(self, first: int) -> tuple[Linearization, BorderedSystem]:
+        """The piece that begins with a node, and its equations, whose border joins that of all."""
+        part = slice(first, min(first + self.size + 1, self.shape[0]))
+        segments = replace(self.misfit.segments.chosen(np.arange(part.start, part.stop)), prior=None)
+        if (
+            part.stop < self.shape[0] or part.stop - part.start > self.size
+        ):  # the samples there belong to the next
+            observed = segments.observed.copy()
+            observed[..., -1] = False
+            segments = replace(segments, observed=observed)
+        misfit, candidates = self.misfit.part(part, segments), self.candidates.part(part)
+        errors = self.errors and replace(self.errors, values=[one[:, part] for one in self.errors.values])
+        if self.groups:
+            linear = local_linearization(LocalRows(misfit, self.groups, candidates, errors), self.executor)
+        else:
+            linear = linearise(misfit, self.executor, candidates, errors)
+        equations = linear.equations(self.q)
+        self.corner += equations.corner
+        self.gradient += equations.corner_gradient
+        return linear, equations
 
 
 def tested_in_pieces(
-    misfit: Misfit, q: float, candidates: CandidateForces, errors: SensorErrors | None
+    misfit: Misfit,
+    q: float,
+    candidates: CandidateForces,
+    errors: SensorErrors | None,
+    kept: Indices,
 ) -> BorderedFactor | None:
-    """The equations of parameters and of sizes of what is tested, all nodes eliminated.
+    """The factor of the equations with what is tested in the border.
 
     Parameters
     ----------
@@ -705,26 +704,17 @@ def tested_in_pieces(
         As of `linearise`.
     q : float
         Relaxation.
+    kept : array of int
+        As of `BorderedSystem.factor`.
 
     Returns
     -------
     BorderedFactor or None
-        The factor, of which `schur` and `reduced` are these equations; None where they are not positive definite.
+        The factor; None where the equations are not positive definite.
     """
-    segments = misfit.segments
-    left: BorderedFactor | None = None
     with ThreadPoolExecutor(processors()) as executor:
-        for first, last in pairwise(piece_ends(segments.linked).tolist()):
-            part = slice(first, last + 1)
-            piece = misfit.part(part, piece_between(segments, first, last))
-            linear = linearise(piece, executor, candidates.part(part), errors and errors.part(part))
-            left = but_the_last(linear.equations(q), left).factor()
-            if left is None:
-                return None
-    assert left is not None  # there is a piece at least
-    m = len(misfit.point.nodes)
-    corner, gradient = left.schur[m:, m:].copy(), left.reduced[m:].copy()
-    add_prior(corner, gradient, misfit)
-    right = np.column_stack([left.schur[:m, m:], left.reduced[:m]])
-    nodes = left.schur[None, :m, :m], np.empty((0, m, m)), right[None]
-    return BorderedSystem.of(nodes, corner, gradient).factor()
+        pieces = _Pieces(misfit, q, candidates, errors, executor)
+        equations = BorderedSystem(
+            pieces.shape, pieces.put, pieces.corner, pieces.gradient, piece=pieces.size
+        )
+        return equations.factor(kept=kept)

@@ -80,6 +80,7 @@ class BorderedSystem:
     corner: Floats  # (p, p)
     corner_gradient: Floats  # (p,)
     shift: Floats | None = None  # (m, p), the same of all nodes
+    piece: int | None = None  # nodes that are known together, asked for in order
 
     @classmethod
     def of(cls, nodes: Nodes, corner: Floats, corner_gradient: Floats) -> BorderedSystem:
@@ -105,8 +106,14 @@ class BorderedSystem:
     def _parts(self) -> list[slice]:
         """The nodes in parts that are assembled together."""
         K, m, c = self.shape
-        size = max(4, _AT_ONCE // (m * c))
-        return [slice(first, min(first + size, K)) for first in range(0, K, size)]
+        size = max(1, _AT_ONCE // (m * (3 * m + 2 * c)))
+        firsts = [first for piece in self._pieces for first in piece[::size]]
+        return [slice(*ends) for ends in pairwise([*firsts, K])]
+
+    @property
+    def _pieces(self) -> list[range]:
+        K, size = self.shape[0], self.piece or self.shape[0]
+        return [range(first, min(first + size, K)) for first in range(0, K, size)]
 
     def factor(self, damping: Damping | None = None, kept: Indices | None = None) -> BorderedFactor | None:
         """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite.
@@ -763,7 +770,7 @@ def precise_model(
         factor; None where its equations are not positive definite.
     """
     factor = factor or linear.factor(q, kept)
-    if _is_rounded(linear, factor, q, own):
+    if is_rounded(linear, factor, q, own):
         linear = with_common_shift(linear)
         factor = linear.factor(q, kept)
     return linear, factor
@@ -785,7 +792,7 @@ def firm_factor(
     return factor
 
 
-def _is_rounded(linear: Linearization, factor: BorderedFactor | None, q: float, own: int | None) -> bool:
+def is_rounded(linear: Linearization, factor: BorderedFactor | None, q: float, own: int | None) -> bool:
     """Whether rounding hides what equations tell of some direction in the first `own` columns of the border."""
     if factor is None or not len(factor.schur[:own]):
         return False

@@ -31,12 +31,19 @@ from linkwise.likelihood.shooting.linear_model import eliminated_rows, tested_in
 from linkwise.likelihood.shooting.normal_equations import (
     FactoredModel,
     add_prior_curvature,
+    is_rounded,
     linearise,
     precise_model,
 )
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import A, Segments, SensorErrors
-from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents, whitened_jacobian
+from linkwise.likelihood.shooting.tangents import (
+    CandidateForces,
+    Single,
+    extra_columns,
+    tangents,
+    whitened_jacobian,
+)
 from linkwise.model.coefficient import MASS, Coefficient
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import BASE, GROUND, Link, differ_in_unit
@@ -288,6 +295,9 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Quadr
         return augmented_quadratic(optimum, candidates).in_units(optimum, units)
 
 
+_WHOLE = 50_000_000  # numbers in the columns of all nodes, 0.2 GB in single precision: more stand in no array
+
+
 def augmented_quadratic(
     optimum: Optimum,
     candidates: CandidateForces,
@@ -300,15 +310,17 @@ def augmented_quadratic(
     are estimated with the parameters, are eliminated. Raises numpy.linalg.LinAlgError where the equations are singular.
     """
     segments, misfit, q = optimum.segments, optimum.misfit, optimum.q
-    if optimum.coloured is None and is_long(segments):
-        factor = tested_in_pieces(misfit, q, candidates, errors)
-        if factor is not None:
-            return Quadratic(factor.schur, factor.reduced)
+    parameters, added = segments.system.parameters.size, sum(extra_columns(candidates, errors))
+    own, total = parameters + added, segments.parameters + added
+    estimated, of_sensors = np.r_[:parameters, own:total], np.arange(own, total)  # offsets and gains follow
+    wide = segments.count * segments.system.dimension * total > _WHOLE
+    if optimum.coloured is None and (wide or is_long(segments)):
+        border = tested_in_pieces(misfit, q, candidates, errors, estimated)
+        linear = optimum.linear(blocks=blocks) if wide else None
+        if border is not None and not (linear and is_rounded(linear, border, q, parameters)):
+            model = FactoredModel(linear, border.within(estimated)) if linear else None
+            return Quadratic(border.schur, border.reduced, None, model).without(of_sensors)
     linear = optimum.linear(candidates, errors, blocks)
-    parameters = segments.system.parameters.size
-    own = parameters + len(candidates.first) + (0 if errors is None else len(errors.channel))
-    total = linear.right.shape[2] - 1
-    estimated = np.r_[:parameters, own:total]
     linear, border = precise_model(linear, q, own=parameters, kept=estimated)
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
@@ -322,7 +334,6 @@ def augmented_quadratic(
         scores = optimum.coloured.score_covariance(rows, segments.linked, len(segments.samples))
         if segments.prior is not None:
             add_prior_curvature(scores, segments.prior, optimum.scales, parameters)
-    of_sensors = np.arange(own, len(schur))  # offsets and gains follow
     return Quadratic(schur, reduced, scores, model).without(of_sensors)
 
 
