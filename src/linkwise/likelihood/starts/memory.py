@@ -30,7 +30,7 @@ from linkwise.errors import IdentificationError
 from linkwise.expression import Number, substitute, to_text
 from linkwise.likelihood.starts.drift import LinkSignals, link_signals
 from linkwise.likelihood.starts.kalman import with_starts
-from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
+from linkwise.likelihood.starts.link_states import LinkRuns, link_motion
 from linkwise.likelihood.starts.states import measured_motion
 from linkwise.likelihood.starts.values import TOO_LITTLE, motion_by_tuned_modes, require_supported
 from linkwise.model.coefficient import MASS
@@ -218,13 +218,11 @@ class MemorySearch:
 
     def _forget_start(self, curved: Floats) -> Bools:
         """Whether the states of all links forget where they began, for each of B values (B, q)."""
-        forget = [forget_start(*link, self.step, len(curved)) for link in self._links(curved)]
+        forget = [link.forget_start() for link in self._links(curved)]
         return np.asarray(np.all(forget, axis=0))
 
-    def _links(self, curved: Floats) -> Iterator[tuple[Law, dict[str, Floats], Floats]]:
-        """Of each link its law, coefficients for each of B values (B, q) as (B, 1), 0 where the regression finds them, and
-        elongation, rate and signals (2 + U, N).
-        """
+    def _links(self, curved: Floats) -> Iterator[LinkRuns]:
+        """Each link, with coefficients for each of B values (B, q), 0 where the regression finds them."""
         for number, link in enumerate(self.structure.links):
             own = {key: coefficient.value or 0.0 for key, coefficient in link.coefficients.items()}
             own |= {key: 0.0 for p in self.straight for index, key in p.members if index == number}
@@ -232,7 +230,8 @@ class MemorySearch:
             for column, parameter in enumerate(self.curved):
                 values |= {key: curved[:, [column]] for index, key in parameter.members if index == number}
             signals = [self.signals[name] for name in link.law.signals]
-            yield link.law, values, np.stack([self.d[:, number], self.v[:, number], *signals])
+            motion = np.stack([self.d[:, number], self.v[:, number], *signals])
+            yield LinkRuns(link.law, values, motion, self.step, len(curved))
 
     @cached_property
     def project(self) -> Callable[[Floats, int], Floats]:
@@ -321,10 +320,10 @@ class MemorySearch:
     def regressed(self, curved: Floats) -> tuple[Floats, Floats]:
         """For each of B values (B, q) the linear parameters, and the rows that are left, relative to the forces."""
         links = list(self._links(curved))
-        states = [follow_states(*link, self.step, len(curved)) for link in links]
+        states = [link.states() for link in links]
         solved = [
             self._regressed(
-                [{key: float(value[k, 0]) for key, value in values.items()} for _, values, _ in links],
+                [{key: float(np.ravel(value)[k]) for key, value in link.values.items()} for link in links],
                 [inside[:, k] for inside in states],
             )
             for k in range(len(curved))
