@@ -370,9 +370,7 @@ def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats,
     factor, names = np.ones(len(fit.values)), []
     for place, frequency in places.items():
         mode = place.owner
-        if mode not in identified.modes or place.key != "frequency":
-            continue
-        if not np.isfinite(known[frequency]):
+        if mode not in identified.modes or place.key != "frequency" or not np.isfinite(known[frequency]):
             continue
         values = identified.link(mode).values
         if not alone[frequency] > _WIDTH * max(values["damping"] * values["frequency"], 0.5 / duration):

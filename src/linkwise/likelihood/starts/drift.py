@@ -61,6 +61,13 @@ class LinkSignals:
     step: float
 
 
+def lacks_displacements(record: Record, structure: Structure) -> bool:
+    """Whether every mass has a sensor, and some have none of displacement."""
+    names = structure.mass_names
+    displaced = all(f"x:{name}" in record.channels for name in names)
+    return not displaced and all(record.motions_of(name) for name in names)
+
+
 def needs_integration(record: Record, structure: Structure) -> bool:
     """Whether inverse dynamics applies and some displacement is known by integration only.
 
@@ -78,10 +85,9 @@ def needs_integration(record: Record, structure: Structure) -> bool:
     bool
         Whether it does.
     """
-    displaced = all(f"x:{name}" in record.channels for name in structure.mass_names)
-    shown = all(record.motions_of(name) for name in structure.mass_names)
-    weighed = all(mass.mass.value is not None for mass in structure.masses)
-    if displaced or not (shown and weighed):
+    if not lacks_displacements(record, structure) or any(
+        mass.mass.value is None for mass in structure.masses
+    ):
         return False
     incidence = structure.incidence.toarray()
     square = incidence.shape[0] == incidence.shape[1]
