@@ -36,7 +36,6 @@ from linkwise.likelihood.starts.drift import (
     lacks_displacements,
     link_signals,
     needs_integration,
-    window_half,
 )
 from linkwise.likelihood.starts.kalman import (
     LinearPart,
@@ -108,8 +107,7 @@ def link_start(
     dict of str to float
         Starting values by name.
     """
-    half = window_half(signals, number, _PERIODS)
-    windows = DriftWindows.of(signals, number, half=half, stride=half)
+    windows = DriftWindows.of(signals, number, periods=_PERIODS)
     force = signals.force[number]
     noise = windows.force.shape[1] * float(np.nan_to_num(noise_sigma(force))[0]) ** 2
 

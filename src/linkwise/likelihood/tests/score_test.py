@@ -27,7 +27,7 @@ from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.flow import in_turn, input_along
-from linkwise.likelihood.shooting.linear_model import eliminated_rows, tested_in_pieces
+from linkwise.likelihood.shooting.linear_model import eliminated_rows, linear_model, tested_in_pieces
 from linkwise.likelihood.shooting.normal_equations import (
     FactoredModel,
     add_prior_curvature,
@@ -304,7 +304,7 @@ def augmented_quadratic(
         factor = tested_in_pieces(misfit, q, candidates, errors)
         if factor is not None:
             return Quadratic(factor.schur, factor.reduced)
-    linear = optimum.linear(candidates, errors, blocks)
+    linear = linear_model(optimum.misfit, candidates, errors, blocks)
     parameters = segments.system.parameters.size
     linear, border = precise_model(linear, q, own=parameters)
     if border is None:
