@@ -42,7 +42,7 @@ from linkwise.likelihood.shooting.minimise import (
     AnnealingStatus,
     freedom,
 )
-from linkwise.likelihood.shooting.normal_equations import FactoredModel, Linearization, block_information
+from linkwise.likelihood.shooting.normal_equations import FactoredModel, block_information
 from linkwise.likelihood.shooting.residuals import (
     Gaussian,
     LongerSegments,
@@ -138,12 +138,6 @@ class Optimum:
         schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=steps)
         return Annealer()(self.misfit.at(start or self.point), schedule)
 
-    def linear(
-        self, candidates: CandidateForces | None = None, errors: SensorErrors | None = None, blocks: int = 1
-    ) -> Linearization:
-        """Gauss-Newton blocks, with amplitudes of `candidates` and sizes of `errors` among the unknowns."""
-        return linear_model(self.misfit, candidates, errors, blocks)
-
     @cached_property
     def scores(self) -> BlockScores | None:
         """Those of as many blocks as are tried, which several checks ask for."""
@@ -154,7 +148,7 @@ class Optimum:
 
         The amplitudes of `candidates` follow theta among the unknowns.
         """
-        linear = self.linear(candidates, blocks=blocks)
+        linear = linear_model(self.misfit, candidates, blocks=blocks)
         factor = linear.equations(self.q).factor()
         if factor is None:
             return None

@@ -25,7 +25,7 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.starts.drift import LinkSignals
 from linkwise.likelihood.starts.kalman import LinearPart, likeliest_change, stable_starts
-from linkwise.likelihood.starts.link_states import follow_states
+from linkwise.likelihood.starts.link_states import LinkRuns
 from linkwise.likelihood.starts.memory import held_at_zero
 from linkwise.likelihood.starts.values import link_start, starting_values
 from linkwise.model.law import Law
@@ -144,8 +144,8 @@ def test_sliders_follow_the_elongation_within_their_bounds(name: str, count: int
     for samples in (1501, 6001):
         time = np.linspace(0.0, 3.0, samples)
         d, v = 1e-2 * np.sin(40.0 * time), 0.4 * np.cos(40.0 * time)
-        slid = follow_states(law, values, np.stack([d, v]), time[1], 2)
-        steps = follow_states(stepped, values, np.stack([d, v]), time[1], 2)[:-1]
+        slid = LinkRuns(law, values, np.stack([d, v]), time[1], 2).states()
+        steps = LinkRuns(stepped, values, np.stack([d, v]), time[1], 2).states()[:-1]
         assert slid.shape == (count, 2, samples)
         errors.append(float(np.sqrt(np.mean((slid - steps) ** 2)) / np.abs(slid).max()))
     assert errors[0] < 0.1 and errors[1] < 0.5 * errors[0]  # those of the steps, of order 1: a quarter

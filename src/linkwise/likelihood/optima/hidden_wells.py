@@ -42,9 +42,9 @@ def fit_about_rest(
     records: Sequence[Record],
     structure: Structure,
     options: LikelihoodOptions,
-    first: LikelihoodFit | None = None,
+    first: LikelihoodFit,
     *,
-    given: Mapping[str, float] | None = None,
+    given: Mapping[str, float],
 ) -> LikelihoodFit | None:
     """A fit that starts about the places where hidden masses rest; None where there are none, or it fails.
 
@@ -58,9 +58,9 @@ def fit_about_rest(
         The structure.
     options : LikelihoodOptions
         The options.
-    first : LikelihoodFit, optional
+    first : LikelihoodFit
         A fit from another start.
-    given : mapping of str to float, optional
+    given : mapping of str to float
         Starting values by name of the parameter.
 
     Returns
@@ -69,11 +69,11 @@ def fit_about_rest(
         The fit.
     """
     hidden = _hidden_links(structure, records[0].channels)
-    if not hidden or (first is not None and _leaves_no_doubt(first, structure, hidden)):
+    if not hidden or _leaves_no_doubt(first, structure, hidden):
         return None
     centred, freed = _centred(structure, hidden), {structure.links[number].name for number in hidden}
     kept = {p.name for p in structure.parameters if p.name.owner not in freed}
-    stated = {name: value for name, value in (given or {}).items() if name in kept}
+    stated = {name: value for name, value in given.items() if name in kept}
     search = partial(likelihood_fit, records)
     try:
         theta, _ = starting_values(records, centred, stated)
@@ -103,8 +103,7 @@ def about_another_rest(fit: LikelihoodFit) -> str:
         return ""
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     apart = np.any([np.abs(values - fit.values) > _APART * errors for values in fit.others], axis=0)
-    parameters = fit.segments.system.parameters.names
-    names = [name for name, far in zip(parameters, apart.tolist(), strict=True) if far]
+    names = [name for name, far in zip(fit.names, apart.tolist(), strict=True) if far]
     if not names:
         return ""
     return (
@@ -204,12 +203,11 @@ def _moved(
     structure: Structure, centred: Structure, about: LikelihoodFit, hidden: Mapping[int, int]
 ) -> tuple[Floats, Floats]:
     """Values (p,) of the unknowns of the structure, and nodes with its hidden masses moved to where they rest."""
-    own = dict(zip((p.name for p in centred.parameters), about.values.tolist(), strict=True))
-    valued = centred.with_values(own)
+    values: dict[str, float] = about.by_name
+    valued = centred.with_values(values)
     nodes = about.optimum.point.nodes.copy()
     n = structure.size
     incidence = structure.incidence.toarray().T
-    values = own
     for k, coordinate in hidden.items():
         d, v = incidence[k] @ nodes[:n], incidence[k] @ nodes[n : 2 * n]
         names = {key: p.name for p in structure.parameters for number, key in p.members if number == k}

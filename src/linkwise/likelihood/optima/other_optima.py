@@ -370,9 +370,7 @@ def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats,
     factor, names = np.ones(len(fit.values)), []
     for place, frequency in places.items():
         mode = place.owner
-        if mode not in identified.modes or place.key != "frequency":
-            continue
-        if not np.isfinite(known[frequency]):
+        if mode not in identified.modes or place.key != "frequency" or not np.isfinite(known[frequency]):
             continue
         values = identified.link(mode).values
         if not alone[frequency] > _WIDTH * max(values["damping"] * values["frequency"], 0.5 / duration):
@@ -606,29 +604,25 @@ def elongation_energy(fit: LikelihoodFit) -> Floats:
     sensors, incidence = segments.sensors, segments.system.incidence
     if sensors.shapes is not None:  # points show modes, of which each link moves several
         return np.full(incidence.shape[1], np.inf)
-    orbit = fit.misfit.trajectories
-    at = segments.at_samples
-    motions = {
-        X: orbit.links[at, 0],
-        V: orbit.links[at, 1],
-        A: np.einsum("il,mik->mlk", incidence, orbit.accelerations[at]),
-    }
-    energy = np.zeros(incidence.shape[1])
-    is_measured = np.zeros(incidence.shape[1], dtype=bool)
-    variances = fit.optimum.scales.sigma**2
-    for kind, motion in motions.items():
-        own = np.full(len(incidence), np.inf)
+    orbit, at, links = fit.misfit.trajectories, segments.at_samples, incidence.shape[1]
+    energy, is_measured = np.zeros(links), np.zeros(links, dtype=bool)
+    motions = (
+        orbit.links[at, 0],
+        orbit.links[at, 1],
+        np.einsum("il,mik->mlk", incidence, orbit.accelerations[at]),
+    )
+    with_ends, variances = incidence != 0.0, fit.optimum.scales.sigma**2
+    for kind, motion in zip((X, V, A), motions, strict=True):
+        own, shown = np.full(len(incidence), np.inf), np.ones(len(incidence))
         chosen = sensors.kind == kind
         own[sensors.mass[chosen]] = variances[chosen]
-        shown = np.ones(len(incidence))
         shown[sensors.mass[chosen]] = segments.observed[:, chosen].mean(axis=(0, 2))
-        with_ends = incidence != 0.0
-        variance = np.where(with_ends, own[:, None], 0.0).sum(axis=0)
-        measured = np.isfinite(variance)
-        is_measured |= measured
+        variance = np.where(with_ends, own[:, None], 0.0).sum(
+            axis=0
+        )  # infinite where an end has no such sensor
         present = np.where(with_ends, shown[:, None], 1.0).min(axis=0)
-        about_mean = np.var(motion, axis=(0, 2)) * motion.shape[0] * motion.shape[2] * present
-        energy += np.where(measured, about_mean / np.where(measured, variance, 1.0), 0.0)
+        energy += np.var(motion, axis=(0, 2)) * motion.shape[0] * motion.shape[2] * present / variance
+        is_measured |= np.isfinite(variance)
     energy[~is_measured] = np.inf
     energy[sensors.mass[sensors.kind == F]] = np.inf
     energy[segments.system.state_links[sensors.mass[sensors.kind == S]]] = np.inf

@@ -66,7 +66,10 @@ def profile_interval(estimate: Estimate, name: str, *, progress: Progress = sile
     '-101.0 to -98.4 N/m'
     """
     expect("profile_interval(estimate, name): estimate", estimate, Estimate)
-    column = _column(estimate, name)
+    names: list[str] = [parameter.name for parameter in estimate.parameters]
+    if name not in names:
+        raise IdentificationError(f'"{name}" was not identified; the unknowns were {", ".join(names)}')
+    column = names.index(name)
     if estimate.profile is None:
         raise IdentificationError(
             f'profile intervals need the likelihood, and method "{estimate.method}" has none: use "ml"'
@@ -140,13 +143,6 @@ def profile_ends(optimum: Optimum, name: str, deviation: float, progress: Progre
     column = optimum.segments.system.parameters.names.index(name)
     profile = Profile(optimum, column, deviation, progress)
     return profile.end(-deviation), profile.end(deviation)
-
-
-def _column(estimate: Estimate, name: str) -> int:
-    names: list[str] = [parameter.name for parameter in estimate.parameters]
-    if name not in names:
-        raise IdentificationError(f'"{name}" was not identified; the unknowns were {", ".join(names)}')
-    return names.index(name)
 
 
 class Profile:

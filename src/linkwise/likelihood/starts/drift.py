@@ -61,6 +61,13 @@ class LinkSignals:
     step: float
 
 
+def lacks_displacements(record: Record, structure: Structure) -> bool:
+    """Whether every mass has a sensor, and some have none of displacement."""
+    names = structure.mass_names
+    displaced = all(f"x:{name}" in record.channels for name in names)
+    return not displaced and all(record.motions_of(name) for name in names)
+
+
 def needs_integration(record: Record, structure: Structure) -> bool:
     """Whether inverse dynamics applies and some displacement is known by integration only.
 
@@ -78,10 +85,9 @@ def needs_integration(record: Record, structure: Structure) -> bool:
     bool
         Whether it does.
     """
-    displaced = all(f"x:{name}" in record.channels for name in structure.mass_names)
-    shown = all(record.motions_of(name) for name in structure.mass_names)
-    weighed = all(mass.mass.value is not None for mass in structure.masses)
-    if displaced or not (shown and weighed):
+    if not lacks_displacements(record, structure) or any(
+        mass.mass.value is None for mass in structure.masses
+    ):
         return False
     incidence = structure.incidence.toarray()
     square = incidence.shape[0] == incidence.shape[1]
@@ -172,30 +178,6 @@ def masses_from_links(record: Record, structure: Structure, d: Floats, v: Floats
     return np.linalg.solve(transposed, d - d_of_base.T), np.linalg.solve(transposed, v - v_of_base.T)
 
 
-def window_half(signals: LinkSignals, link: int, periods: float) -> int:
-    """Half width of a window over some periods of the motion of a link, by its zero crossings.
-
-    Parameters
-    ----------
-    signals : LinkSignals
-        Signals of all links.
-    link : int
-        Index of the link.
-    periods : float
-        Number of periods.
-
-    Returns
-    -------
-    int
-        Samples on each side of the centre.
-    """
-    motion = highpass(signals.d[link], 1.0 / signals.step, DRIFT_FREQUENCY)
-    crossings = int(np.count_nonzero(np.diff(np.signbit(motion))))
-    longest = (len(motion) - 1) // 4
-    samples = round(periods * len(motion) / max(crossings, 1))
-    return int(np.clip(samples, min(_SHORTEST, longest), longest))
-
-
 _REACH = 3.0  # of the largest motion within a window: how far its centre may be displaced
 _OFFSETS, _SLOPES = 81, 15  # of the grid: a basin of attraction is about as wide as a well
 _COARSE = 12  # samples of a window that the grid uses
@@ -238,7 +220,7 @@ class DriftWindows:
     step: float
 
     @classmethod
-    def of(cls, signals: LinkSignals, link: int, *, half: int, stride: int) -> DriftWindows:
+    def of(cls, signals: LinkSignals, link: int, *, periods: float, overlap: int = 1) -> DriftWindows:
         """Windows of one of the links.
 
         Parameters
@@ -247,16 +229,22 @@ class DriftWindows:
             Signals of all links.
         link : int
             Index of the link.
-        half : int
-            Samples on each side of a centre.
-        stride : int
-            Distance of neighbouring windows in samples.
+        periods : float
+            Half the length of a window in periods of the motion, by its zero crossings.
+        overlap : int
+            How many windows begin within half of one.
 
         Returns
         -------
         DriftWindows
             The windows.
         """
+        motion = highpass(signals.d[link], 1.0 / signals.step, DRIFT_FREQUENCY)
+        crossings = int(np.count_nonzero(np.diff(np.signbit(motion))))
+        longest = (len(motion) - 1) // 4
+        samples = round(periods * len(motion) / max(crossings, 1))
+        half = int(np.clip(samples, min(_SHORTEST, longest), longest))
+        stride = max(1, half // overlap)
         length = 2 * half + 1
         d, v, force = (
             sliding_window_view(signal[link], length)[::stride]
@@ -531,8 +519,7 @@ def elongations_from_forces(signals: LinkSignals, links: tuple[Link, ...]) -> tu
     for number, link in enumerate(links):
         if signals.integration_order[number] == 0:
             continue
-        half = window_half(signals, number, _PERIODS)
-        windows = DriftWindows.of(signals, number, half=half, stride=max(1, half // _OVERLAP))
+        windows = DriftWindows.of(signals, number, periods=_PERIODS, overlap=_OVERLAP)
         values = {**link.values, **link.zero_states}
         candidates = drift_candidates(windows, link, values, rounds=_ROUNDS)
         offset, slope = viterbi_path(windows, candidates, signals, number)

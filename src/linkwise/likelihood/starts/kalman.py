@@ -212,11 +212,8 @@ def _linear_slopes(link: Link, *, mode: bool) -> tuple[float, float] | None:
         raise IdentificationError(
             f"no starting value for {link.name}.{missing[0]}: state {{ start = ... }} for it in the structure"
         )
-    if missing or not (mode or all(coefficient.known for coefficient in link.coefficients.values())):
-        return None
-    if not is_linear(link.law):
-        return None
-    return _slopes(link, link.values)
+    numbers = mode or all(coefficient.known for coefficient in link.coefficients.values())
+    return _slopes(link, link.values) if numbers and not missing and is_linear(link.law) else None
 
 
 @lru_cache(maxsize=512)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -32,11 +33,10 @@ def link_states(
     d, rate = link_motion(record, structure, x, v)
     values, sizes = [], []
     for law, numbers in structure.topology.by_law:
-        motion = [np.stack([d[:, k], rate[:, k], *signals_of(record, law)]) for k in numbers.tolist()]
-        inside = {
-            k: follow_states(law, structure.links[k].values, along, record.step)[:, 0]
-            for k, along in zip(numbers.tolist(), motion, strict=True)
-        }
+        inside = {}
+        for k in numbers.tolist():
+            motion = np.stack([d[:, k], rate[:, k], *signals_of(record, law)])
+            inside[k] = LinkRuns(law, structure.links[k].values, motion, record.step).states()[:, 0]
         for row, name in enumerate(law.states):
             for k in numbers.tolist():
                 channel = f"state:{structure.links[k].name}.{name}"
@@ -62,36 +62,130 @@ def link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> t
     return structure.elongations(x.T, base), structure.elongations(v.T, speed)
 
 
-@np.errstate(all="ignore")  # states may run away where values are far off
-def follow_states(
-    law: Law,
-    values: Mapping[str, float | Floats],
-    motion: Floats,
-    step: float,
-    batch: int = 1,
-    start: float = 0.0,
-) -> Floats:
-    """States (r, B, N) of a link along its elongation and rate, and the signals that its law names, `motion` (2 + U, N).
+@dataclass(frozen=True, eq=False)
+class LinkRuns:
+    """A `batch` of B links of a law along one motion, from which their states follow by the Runge-Kutta method of order 4.
 
-    By the Runge-Kutta method of order 4.
+    `values` of the coefficients are numbers, or (B, 1), and `motion` (2 + U, N) has the elongation, its rate, and the signals
+    that the law names, in a `step` in s.
 
-    `values` are numbers, or (B, 1) for a `batch` of B links.
-
-    The record is cut into pieces that run side by side; each begins at `start` some periods before the samples it gives.
-    States of sliders follow the elongation within their bounds. States that run away from sample to sample, as those of a link
-    that moves by many times the length at which it yields, are followed again in steps of an eighth.
+    The record is cut into pieces that run side by side; each begins some periods before the samples it gives. States of
+    sliders follow the elongation within their bounds. States that run away from sample to sample, as those of a link that
+    moves by many times the length at which it yields, are followed again in steps of an eighth.
     """
-    if not law.states:
-        return np.empty((0, batch, motion.shape[1]))
-    states = _followed(law, values, motion, step, batch, start)
-    if slider_parts(law) is not None:
+
+    law: Law
+    values: Mapping[str, float | Floats]
+    motion: Floats
+    step: float
+    batch: int = 1
+
+    @np.errstate(all="ignore")  # states may run away where values are far off
+    def states(self, start: float = 0.0) -> Floats:
+        """States (r, B, N), each of which begins at `start`."""
+        if not self.law.states:
+            return np.empty((0, self.batch, self.motion.shape[1]))
+        states = self._followed(start)
+        if slider_parts(self.law) is not None:
+            return states
+        away = np.flatnonzero(self._run_away(states, start))
+        if len(away):
+            own = {name: np.asarray(v)[away] if np.size(v) > 1 else v for name, v in self.values.items()}
+            motion, step = _between(self.motion, self.step), self.step / _FINER
+            finer = replace(self, values=own, motion=motion, step=step, batch=len(away))
+            states[:, away] = finer._followed(start)[..., ::_FINER]
         return states
-    away = np.flatnonzero(_run_away(law, values, states, motion, step, start))
-    if len(away):
-        own = {name: np.asarray(v)[away] if np.size(v) > 1 else v for name, v in values.items()}
-        finer = _followed(law, own, _between(motion, step), step / _FINER, len(away), start)
-        states[:, away] = finer[..., ::_FINER]
-    return states
+
+    @np.errstate(all="ignore")
+    def forget_start(self) -> Bools:
+        """Whether each link forgets where its states began (B,): a small change has not grown some periods later.
+
+        A law that amplifies it, such as one that slips over a negative length, explains no motion beyond a few periods,
+        however well it fits one.
+        """
+        if not self.law.states:
+            return np.ones(self.batch, dtype=bool)
+        change = self.states(_NUDGE) - self.states()
+        return np.asarray(np.abs(change).mean(axis=(0, 2)) <= _GROWN * _NUDGE)
+
+    def _run_away(self, states: Floats, start: float) -> Bools:
+        """Whether states (r, B, N) of each link leave what their rates at zero add up to, by far."""
+        d, v, *signals = self.motion
+        at_zero = {**dict.fromkeys(self.law.states, 0.0), **dict(zip(self.law.signals, signals, strict=True))}
+        rates = self.law.state_rates(d, v, {**self.values, **at_zero})
+        sums = np.cumsum(np.stack([np.broadcast_to(rate, states.shape[1:]) for rate in rates]), axis=-1)
+        reach = self.step * np.abs(sums).max(axis=-1) + abs(start)
+        return np.asarray(~(np.abs(states).max(axis=-1) <= _AWAY * reach).all(axis=0))
+
+    def _followed(self, start: float) -> Floats:
+        """As `states`, in the steps of the samples."""
+        (d, v), step = self.motion[:2], self.step
+        size = np.sqrt(np.mean(v**2))
+        period = 2.0 * np.pi * np.sqrt(np.mean((d - d.mean()) ** 2)) / (size * step) if size > 0.0 else 0.0
+        piece = max(_SHORTEST, min(int(_PERIODS * period) + 1, len(d)))
+        count = -(-len(d) // piece)
+        run = np.pad(self.motion, ((0, 0), (piece, count * piece - len(d))), mode="edge")
+        run[1, :piece] = run[1, piece + len(d) :] = 0.0
+        along = sliding_window_view(run, 2 * piece, axis=1)[:, ::piece].swapaxes(1, 2).copy()  # (2 + U, M, C)
+        if slider_parts(self.law) is not None:
+            return self._slid(along[0], start)[..., : len(d)]
+        middle = 0.5 * (along[:, :-1] + along[:, 1:])
+        out = np.empty((len(self.law.states), self.batch, count, piece))
+        states = np.full((len(self.law.states), self.batch, count), start)
+        rates = self._rates(states)
+        for number in range(2 * piece - 1):
+            if number >= piece:
+                out[..., number - piece] = states
+            first = rates(states, along[:, number])
+            second = rates(states + 0.5 * step * first, middle[:, number])
+            third = rates(states + 0.5 * step * second, middle[:, number])
+            fourth = rates(states + step * third, along[:, number + 1])
+            states = states + (first + 2.0 * (second + third) + fourth) * (step / 6.0)
+        out[..., piece - 1] = states
+        return out.reshape(len(self.law.states), self.batch, -1)[..., : len(d)]
+
+    def _slid(self, along: Floats, start: float) -> Floats:
+        """States (r, B, C M) of sliders from elongations (2 M, C) of pieces, the first half of which leads to what is given.
+
+        A step from one sample to the next, in which d goes one way, has no error, and the largest size of a state enters it.
+        """
+        parts = slider_parts(self.law)
+        assert parts is not None
+        numbers = parts(*(np.asarray(self.values[name], dtype=np.float64) for name in self.law.coefficients))
+        count, piece = len(self.law.states), len(along) // 2
+        shape = (2 * count, self.batch, along.shape[1])
+        stiffness, largest = np.split(np.stack([np.broadcast_to(number, shape[1:]) for number in numbers]), 2)
+        out, states = np.empty((count, *shape[1:], piece)), np.full((count, *shape[1:]), start)
+        lowest, moved = -largest, np.empty_like(states)
+        for number, change in enumerate(np.diff(along, axis=0)):
+            if number >= piece:
+                out[..., number - piece] = states
+            np.multiply(stiffness, change, moved)
+            np.add(states, moved, states)
+            np.minimum(states, largest, out=states)
+            np.maximum(states, lowest, out=states)
+        out[..., piece - 1] = states
+        return out.reshape(count, self.batch, -1)
+
+    def _rates(self, like: Floats) -> Callable[[Floats, Floats], Floats]:
+        """What gives the rates (r, B, C) of states, like `like`, along the motion (2 + U, C) of the link, in arrays that all
+        evaluations share: to be used where warnings are ignored.
+        """
+        law = self.law
+        names = (*law.variables, *law.coefficients)
+        program = cached_program(tuple(rate.expression for rate in law.rates), names, wide=law.variables)
+        along = np.empty((2 + len(law.signals), *like.shape[1:]))
+        inside, rates = np.empty_like(like), np.empty_like(like)
+        numbers = (np.asarray(self.values[name], dtype=np.float64) for name in law.coefficients)
+        operations = program.into([*along[:2], *inside, *along[2:], *numbers], list(rates))
+
+        def evaluated(states: Floats, motion: Floats) -> Floats:
+            inside[:], along[:] = states, motion[:, None]
+            for operation in operations:
+                operation()
+            return rates.copy()
+
+        return evaluated
 
 
 def _between(motion: Floats, step: float) -> Floats:
@@ -105,116 +199,3 @@ def _between(motion: Floats, step: float) -> Floats:
     fine = np.arange(_FINER * (len(d) - 1) + 1) / _FINER
     lines = [np.interp(fine, np.arange(len(d)), signal) for signal in signals]
     return np.stack([np.append(elongation, d[-1]), np.append(rate, v[-1]), *lines])
-
-
-def _run_away(
-    law: Law,
-    values: Mapping[str, float | Floats],
-    states: Floats,
-    motion: Floats,
-    step: float,
-    start: float,
-) -> Bools:
-    """Whether states (r, B, N) of each of B links leave what their rates at zero add up to, by far."""
-    d, v, *signals = motion
-    at_zero = {**dict.fromkeys(law.states, 0.0), **dict(zip(law.signals, signals, strict=True))}
-    rates = law.state_rates(d, v, {**values, **at_zero})
-    sums = np.cumsum(np.stack([np.broadcast_to(rate, states.shape[1:]) for rate in rates]), axis=-1)
-    reach = step * np.abs(sums).max(axis=-1) + abs(start)
-    return np.asarray(~(np.abs(states).max(axis=-1) <= _AWAY * reach).all(axis=0))
-
-
-def _followed(
-    law: Law,
-    values: Mapping[str, float | Floats],
-    motion: Floats,
-    step: float,
-    batch: int,
-    start: float,
-) -> Floats:
-    """As `follow_states`, in the steps of the samples."""
-    d, v = motion[:2]
-    size = np.sqrt(np.mean(v**2))
-    period = 2.0 * np.pi * np.sqrt(np.mean((d - d.mean()) ** 2)) / (size * step) if size > 0.0 else 0.0
-    piece = max(_SHORTEST, min(int(_PERIODS * period) + 1, len(d)))
-    count = -(-len(d) // piece)
-    run = np.pad(motion, ((0, 0), (piece, count * piece - len(d))), mode="edge")
-    run[1, :piece] = run[1, piece + len(d) :] = 0.0
-    along = sliding_window_view(run, 2 * piece, axis=1)[:, ::piece].swapaxes(1, 2).copy()  # (2 + U, M, C)
-    if slider_parts(law) is not None:
-        return _slid(law, values, along[0], batch, start)[..., : len(d)]
-    middle = 0.5 * (along[:, :-1] + along[:, 1:])
-    out = np.empty((len(law.states), batch, count, piece))
-    states = np.full((len(law.states), batch, count), start)
-    rates = _rates(law, values, states)
-    for number in range(2 * piece - 1):
-        if number >= piece:
-            out[..., number - piece] = states
-        first = rates(states, along[:, number])
-        second = rates(states + 0.5 * step * first, middle[:, number])
-        third = rates(states + 0.5 * step * second, middle[:, number])
-        fourth = rates(states + step * third, along[:, number + 1])
-        states = states + (first + 2.0 * (second + third) + fourth) * (step / 6.0)
-    out[..., piece - 1] = states
-    return out.reshape(len(law.states), batch, -1)[..., : len(d)]
-
-
-def _slid(law: Law, values: Mapping[str, float | Floats], along: Floats, batch: int, start: float) -> Floats:
-    """States (r, B, C M) of sliders from elongations (2 M, C) of pieces, the first half of which leads to what is given.
-
-    A step from one sample to the next, in which d goes one way, has no error, and the largest size of a state enters it.
-    """
-    parts = slider_parts(law)
-    assert parts is not None
-    numbers = parts(*(np.asarray(values[name], dtype=np.float64) for name in law.coefficients))
-    count, piece = len(law.states), len(along) // 2
-    shape = (2 * count, batch, along.shape[1])
-    stiffness, largest = np.split(np.stack([np.broadcast_to(number, shape[1:]) for number in numbers]), 2)
-    out, states = np.empty((count, *shape[1:], piece)), np.full((count, *shape[1:]), start)
-    lowest, moved = -largest, np.empty_like(states)
-    for number, change in enumerate(np.diff(along, axis=0)):
-        if number >= piece:
-            out[..., number - piece] = states
-        np.multiply(stiffness, change, moved)
-        np.add(states, moved, states)
-        np.minimum(states, largest, out=states)
-        np.maximum(states, lowest, out=states)
-    out[..., piece - 1] = states
-    return out.reshape(count, batch, -1)
-
-
-@np.errstate(all="ignore")  # states may run away where values are far off
-def forget_start(
-    law: Law, values: Mapping[str, float | Floats], motion: Floats, step: float, batch: int
-) -> Bools:
-    """Whether each of B links forgets where its states began (B,): a small change has not grown some periods later.
-
-    Arguments are those of `follow_states`. A law that amplifies it, such as one that slips over a negative length, explains no
-    motion beyond a few periods, however well it fits one.
-    """
-    if not law.states:
-        return np.ones(batch, dtype=bool)
-    nudged, plain = (follow_states(law, values, motion, step, batch, start) for start in (_NUDGE, 0.0))
-    return np.asarray(np.abs(nudged - plain).mean(axis=(0, 2)) <= _GROWN * _NUDGE)
-
-
-def _rates(
-    law: Law, values: Mapping[str, float | Floats], like: Floats
-) -> Callable[[Floats, Floats], Floats]:
-    """What gives the rates (r, B, C) of states, like `like`, along the motion (2 + U, C) of the link, in arrays that all
-    evaluations share: to be used where warnings are ignored.
-    """
-    names = (*law.variables, *law.coefficients)
-    program = cached_program(tuple(rate.expression for rate in law.rates), names, wide=law.variables)
-    along = np.empty((2 + len(law.signals), *like.shape[1:]))
-    inside, rates = np.empty_like(like), np.empty_like(like)
-    numbers = (np.asarray(values[name], dtype=np.float64) for name in law.coefficients)
-    operations = program.into([*along[:2], *inside, *along[2:], *numbers], list(rates))
-
-    def evaluated(states: Floats, motion: Floats) -> Floats:
-        inside[:], along[:] = states, motion[:, None]
-        for operation in operations:
-            operation()
-        return rates.copy()
-
-    return evaluated

@@ -30,7 +30,7 @@ from linkwise.errors import IdentificationError
 from linkwise.expression import Number, substitute, to_text
 from linkwise.likelihood.starts.drift import LinkSignals, link_signals
 from linkwise.likelihood.starts.kalman import with_starts
-from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
+from linkwise.likelihood.starts.link_states import LinkRuns, link_motion
 from linkwise.likelihood.starts.states import measured_motion
 from linkwise.likelihood.starts.values import TOO_LITTLE, motion_by_tuned_modes, require_supported
 from linkwise.model.coefficient import MASS
@@ -42,7 +42,7 @@ from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
 
-_DECADES = 1.5  # above and below the size that units imply
+_AROUND = -1.5, 1.5  # decades about the size that units imply
 # decades of friction that yields within a small part of the motion, as that of dampers on rigs
 _SHARP = -4.0, -1.0
 
@@ -67,35 +67,6 @@ def unit_sizes(
         bases = (mass, length, time, current)
         sizes[parameter.name] = float(np.prod([b ** float(p) for b, p in zip(bases, powers, strict=True)]))
     return sizes
-
-
-def trial_values(
-    parameters: Sequence[Parameter],
-    given: Mapping[str, float],
-    sizes: Mapping[str, float],
-    rng: np.random.Generator,
-    *,
-    first: bool,
-    decades: tuple[float, float] = (-_DECADES, _DECADES),
-) -> Floats:
-    """Values (q,) to start from; the `first` trial takes starts as they are given or stated.
-
-    Others are within so many `decades` of their sizes.
-    """
-    values = []
-    for parameter in parameters:
-        start = given.get(parameter.name, parameter.start)
-        low, high = parameter.lower, parameter.upper
-        if start is not None:
-            value = start * (1.0 if first else 10.0 ** rng.normal(0.0, 0.2))
-        elif np.isfinite(low) and np.isfinite(high):
-            value = low + (high - low) * rng.uniform(0.05, 0.95)
-        else:
-            value = sizes[parameter.name] * 10.0 ** rng.uniform(*decades)
-            value *= -1.0 if high <= 0.0 or (low < 0.0 and rng.random() < 0.3) else 1.0
-        margin = 1e-9 * (abs(value) + sizes[parameter.name])
-        values.append(np.clip(value, low + margin, high - margin))
-    return np.array(values, dtype=float)
 
 
 MOST_SAMPLES = 8192  # of a record that the search uses
@@ -196,7 +167,7 @@ class MemorySearch:
         refined = refined[lasting] if lasting.any() else refined
         distinct: list[Start] = []
         for start in sorted(map(self.solved, refined), key=lambda start: start.misfit):
-            if all(_are_apart(start.values, other.values, _DISTINCT) for other in distinct):
+            if all(_are_apart(start.values, other.values) for other in distinct):
                 distinct.append(start)
         return tuple(distinct)
 
@@ -209,22 +180,40 @@ class MemorySearch:
         if not self.curved:
             return np.zeros((1, 0))
         rng = np.random.default_rng(_SEED)
-        draw = partial(trial_values, self.curved, self.given, self.sizes, rng)
-        trials = np.stack([draw(first=k == 0) for k in range(count)])
+        trials = np.stack([self._drawn(rng, first=k == 0) for k in range(count)])
         if self.sharp:
-            trials = np.concatenate([trials, [draw(first=False, decades=_SHARP) for _ in range(count)]])
+            sharp = [self._drawn(rng, first=False, decades=_SHARP) for _ in range(count)]
+            trials = np.concatenate([trials, sharp])
         costs = np.mean(self.regressed(trials)[1] ** 2, axis=1)
         return np.asarray(trials[np.lexsort(np.stack([costs, ~self._forget_start(trials)]))])
 
+    def _drawn(self, rng: np.random.Generator, first: bool, decades: tuple[float, float] = _AROUND) -> Floats:
+        """Values (q,) of the curved parameters to start from; the `first` trial takes starts as they are given or stated.
+
+        Others are within so many `decades` of their sizes.
+        """
+        values = []
+        for parameter in self.curved:
+            start = self.given.get(parameter.name, parameter.start)
+            low, high = parameter.lower, parameter.upper
+            if start is not None:
+                value = start * (1.0 if first else 10.0 ** rng.normal(0.0, 0.2))
+            elif np.isfinite(low) and np.isfinite(high):
+                value = low + (high - low) * rng.uniform(0.05, 0.95)
+            else:
+                value = self.sizes[parameter.name] * 10.0 ** rng.uniform(*decades)
+                value *= -1.0 if high <= 0.0 or (low < 0.0 and rng.random() < 0.3) else 1.0
+            margin = 1e-9 * (abs(value) + self.sizes[parameter.name])
+            values.append(np.clip(value, low + margin, high - margin))
+        return np.array(values, dtype=float)
+
     def _forget_start(self, curved: Floats) -> Bools:
         """Whether the states of all links forget where they began, for each of B values (B, q)."""
-        forget = [forget_start(*link, self.step, len(curved)) for link in self._links(curved)]
+        forget = [link.forget_start() for link in self._links(curved)]
         return np.asarray(np.all(forget, axis=0))
 
-    def _links(self, curved: Floats) -> Iterator[tuple[Law, dict[str, Floats], Floats]]:
-        """Of each link its law, coefficients for each of B values (B, q) as (B, 1), 0 where the regression finds them, and
-        elongation, rate and signals (2 + U, N).
-        """
+    def _links(self, curved: Floats) -> Iterator[LinkRuns]:
+        """Each link, with coefficients for each of B values (B, q), 0 where the regression finds them."""
         for number, link in enumerate(self.structure.links):
             own = {key: coefficient.value or 0.0 for key, coefficient in link.coefficients.items()}
             own |= {key: 0.0 for p in self.straight for index, key in p.members if index == number}
@@ -232,7 +221,8 @@ class MemorySearch:
             for column, parameter in enumerate(self.curved):
                 values |= {key: curved[:, [column]] for index, key in parameter.members if index == number}
             signals = [self.signals[name] for name in link.law.signals]
-            yield link.law, values, np.stack([self.d[:, number], self.v[:, number], *signals])
+            motion = np.stack([self.d[:, number], self.v[:, number], *signals])
+            yield LinkRuns(link.law, values, motion, self.step, len(curved))
 
     @cached_property
     def project(self) -> Callable[[Floats, int], Floats]:
@@ -272,13 +262,6 @@ class MemorySearch:
         inertia = masses[:, None] * np.gradient(np.gradient(x, axis=1), axis=1) / self.step**2
         return float(max(np.std(applied), np.median(np.abs(inertia)))) or 1.0
 
-    @property
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Bounds of the curved parameters; those between two stay off both, where a state may run away."""
-        low, high = np.array([[p.lower, p.upper] for p in self.curved]).T
-        margin = np.where(np.isfinite(high - low), _MARGIN * (high - low), 0.0)
-        return low + margin, high - margin
-
     def solved(self, curved: Floats) -> Start:
         """All parameters, and the part in power that is left."""
         (linear,), (left,) = self.regressed(curved[None])
@@ -291,7 +274,10 @@ class MemorySearch:
         if not self.curved:
             return trials
         best, damping = trials.copy(), np.full(len(trials), 1e-2)
-        low, high = self.bounds
+        # those between two bounds stay off both, where a state may run away
+        low, high = np.array([[p.lower, p.upper] for p in self.curved]).T
+        margin = np.where(np.isfinite(high - low), _MARGIN * (high - low), 0.0)
+        low, high = low + margin, high - margin
         sizes = np.array([self.sizes[p.name] for p in self.curved])
         count, left = len(sizes), self.regressed(best)[1]
         slopes, moved = np.empty((len(best), count, left.shape[1])), np.ones(len(best), dtype=bool)
@@ -321,10 +307,10 @@ class MemorySearch:
     def regressed(self, curved: Floats) -> tuple[Floats, Floats]:
         """For each of B values (B, q) the linear parameters, and the rows that are left, relative to the forces."""
         links = list(self._links(curved))
-        states = [follow_states(*link, self.step, len(curved)) for link in links]
+        states = [link.states() for link in links]
         solved = [
             self._regressed(
-                [{key: float(value[k, 0]) for key, value in values.items()} for _, values, _ in links],
+                [{key: float(np.ravel(value)[k]) for key, value in link.values.items()} for link in links],
                 [inside[:, k] for inside in states],
             )
             for k in range(len(curved))
@@ -616,7 +602,7 @@ def _liveliest(records: Sequence[Record]) -> Record:
     ]
 
 
-def _are_apart(first: Floats, second: Floats, part: float) -> bool:
-    """Whether a parameter of one start differs from that of another by more than a part of the larger one."""
+def _are_apart(first: Floats, second: Floats) -> bool:
+    """Whether a parameter of one start differs from that of another."""
     sizes = np.maximum(np.maximum(np.abs(first), np.abs(second)), np.finfo(float).tiny)
-    return bool(np.max(np.abs(first - second) / sizes) > part)
+    return bool(np.max(np.abs(first - second) / sizes) > _DISTINCT)

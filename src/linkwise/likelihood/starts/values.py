@@ -33,9 +33,9 @@ from linkwise.likelihood.starts.drift import (
     LinkSignals,
     drift_candidates,
     elongations_from_forces,
+    lacks_displacements,
     link_signals,
     needs_integration,
-    window_half,
 )
 from linkwise.likelihood.starts.kalman import (
     LinearPart,
@@ -107,8 +107,7 @@ def link_start(
     dict of str to float
         Starting values by name.
     """
-    half = window_half(signals, number, _PERIODS)
-    windows = DriftWindows.of(signals, number, half=half, stride=half)
+    windows = DriftWindows.of(signals, number, periods=_PERIODS)
     force = signals.force[number]
     noise = windows.force.shape[1] * float(np.nan_to_num(noise_sigma(force))[0]) ** 2
 
@@ -529,10 +528,14 @@ def _values(records: Sequence[Record], structure: Structure, given: Mapping[str,
     if needs_integration(records[0], structure):
         signals = link_signals(records[0], structure, channel_noise(records[0]))
         return of(known | start_of_links(signals, structure, known, range(len(structure.links))))
-    integrated, deviations, missing = _integrated(records, structure), list[float](), list[str]()
+    deviations, missing = list[float](), list[str]()
+    integrated = lacks_displacements(records[0], structure)
+    displaced = (
+        [with_displacements(record, structure.masses) for record in records] if integrated else records
+    )
     try:
         with one_blas_thread():
-            fit = _best_weak_fit(integrated or records, structure, known)
+            fit = _best_weak_fit(displaced, structure, known)
         deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0)).tolist()
         known |= {**dict(zip(names, fit.values.tolist(), strict=True)), **given}
     except IdentificationError as error:
@@ -578,14 +581,6 @@ def _guessed_masses(record: Record, structure: Structure, missing: Sequence[str]
         if mass > 0.0:
             guessed[named[name]] = mass
     return guessed
-
-
-def _integrated(records: Sequence[Record], structure: Structure) -> list[Record]:
-    """The records with integrated displacements, if they lack some and every mass has a sensor; else none."""
-    names = structure.mass_names
-    displaced = all(f"x:{name}" in records[0].channels for name in names)
-    measured = all(records[0].motions_of(name) for name in names)
-    return [with_displacements(r, structure.masses) for r in records] if measured and not displaced else []
 
 
 def _best_weak_fit(records: Sequence[Record], structure: Structure, known: Mapping[str, float]) -> WeakFit:

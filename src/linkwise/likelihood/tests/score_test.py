@@ -26,8 +26,8 @@ from linkwise.expression.program import cached_program
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.flow import input_along
-from linkwise.likelihood.shooting.linear_model import eliminated_rows, tested_in_pieces
+from linkwise.likelihood.shooting.flow import in_turn, input_along
+from linkwise.likelihood.shooting.linear_model import eliminated_rows, linear_model, tested_in_pieces
 from linkwise.likelihood.shooting.normal_equations import (
     FactoredModel,
     add_prior_curvature,
@@ -316,11 +316,11 @@ def augmented_quadratic(
     wide = segments.count * segments.system.dimension * total > _WHOLE
     if optimum.coloured is None and (wide or is_long(segments)):
         border = tested_in_pieces(misfit, q, candidates, errors, estimated)
-        linear = optimum.linear(blocks=blocks) if wide else None
+        linear = linear_model(misfit, blocks=blocks) if wide else None
         if border is not None and not (linear and is_rounded(linear, border, q, parameters)):
             model = FactoredModel(linear, border.within(estimated)) if linear else None
             return Quadratic(border.schur, border.reduced, None, model).without(of_sensors)
-    linear = optimum.linear(candidates, errors, blocks)
+    linear = linear_model(misfit, candidates, errors, blocks)
     linear, border = precise_model(linear, q, own=parameters, kept=estimated)
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
