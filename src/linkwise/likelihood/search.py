@@ -54,7 +54,6 @@ from linkwise.likelihood.shooting.segments import (
     Iterate,
     Scales,
     Segments,
-    SensorErrors,
     carry_through_gaps,
     split_at_gaps,
 )

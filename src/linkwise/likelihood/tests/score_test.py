@@ -26,7 +26,7 @@ from linkwise.expression.program import cached_program
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.flow import in_turn, input_along
+from linkwise.likelihood.shooting.flow import input_along
 from linkwise.likelihood.shooting.linear_model import eliminated_rows, linear_model, tested_in_pieces
 from linkwise.likelihood.shooting.normal_equations import (
     FactoredModel,
