@@ -66,7 +66,7 @@ from linkwise.likelihood.terms import (
     late_beside_clocks,
     of_kind,
 )
-from linkwise.likelihood.tests.diagnosis import AS_LIKELY, DISTINCT, likeliest_first
+from linkwise.likelihood.tests.diagnosis import AS_LIKELY, likeliest_first
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.likelihood.widened import FREED, with_cause, with_saturation
 from linkwise.model.coefficient import Coefficient
@@ -642,7 +642,7 @@ def _beside_cause(model: _Model) -> _Model | None:
     tried = [cause for cause in named if -likeliest_first(cause) > least][:_TRIED]
     if tried and not model.added:
         errors = (cause for cause in causes if is_admissible(cause) and _can_be_added(cause))
-        near = min(_NEARLY * causes[0].gain, causes[0].gain - DISTINCT)
+        near = min(_NEARLY * causes[0].gain, causes[0].gain - AS_LIKELY)
         tried += [cause for cause in errors if cause.gain > near][:1]
     fits = (_with(cause, model) for cause in tried)
     likeliest = sorted(
@@ -726,7 +726,9 @@ def _first_error(model: _Model) -> _Rung | None:
         return None  # delays are not estimated then
     if first.kind == CLOCK:  # that of an input counts as right
         alike = [
-            cause for cause in current.diagnosis if cause.kind == CLOCK and cause.gain > first.gain - DISTINCT
+            cause
+            for cause in current.diagnosis
+            if cause.kind == CLOCK and cause.gain > first.gain - AS_LIKELY
         ]
         of_sensors = [cause for cause in alike if cause.where not in records[0].inputs] or alike
         rivals = dict.fromkeys(cause.where for cause in (*of_sensors, *alike))
@@ -748,7 +750,7 @@ def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...
     first = next(iter(diagnosis), None)
     if first is None or first.kind != "gain" or abs(first.size) > _CALIBRATED:
         return ()
-    if any(cause.kind == GAIN_DRIFT and cause.gain > first.gain - DISTINCT for cause in diagnosis):
+    if any(cause.kind == GAIN_DRIFT and cause.gain > first.gain - AS_LIKELY for cause in diagnosis):
         return ()
     if first.where not in record.responses or (len(record.responses) == 1 and record.inputs):
         return ()

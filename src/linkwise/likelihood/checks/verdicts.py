@@ -49,20 +49,9 @@ _STRETCH = 0.2  # of the record: half of the misfit in less points at what happe
 _MOMENT = 0.05  # of the record: half of the misfit in less, and not at its start, is no error of a law
 _UNDETERMINED = 0.5  # standard error of a coefficient over its value
 _RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
-_SMALL_ERRORS = frozenset(
-    {
-        "gain",
-        GAIN_DRIFT,
-        NONLINEARITY,
-        "offset",
-        "drift",
-        "delay",
-        CLOCK,
-        "crosstalk",
-        "mass",
-        "force gain",
-        "force delay",
-    }
+_SMALL_ERRORS = (
+    *("gain", GAIN_DRIFT, NONLINEARITY, "offset", "drift", "delay", CLOCK, "crosstalk"),  # of sensors
+    *(MASS, "force gain", "force delay"),
 )
 """Whose effect the first order describes. A filter of all sensors changes the motion that nonlinear links act by as well,
 noise of inputs has no size that moves coefficients to a side, and what contradicts a stated value is no small error."""

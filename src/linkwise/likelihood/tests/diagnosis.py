@@ -299,9 +299,7 @@ PRICES = {
 }
 """Of -2 log likelihood, that a cause loses beside a smooth function: by three standard errors these are told apart."""
 AS_LIKELY = 9.0
-"""Of -2 log likelihood: three standard errors, by which a cause exceeds those that are less likely."""
-DISTINCT = 10.0
-"""Of -2 log likelihood, by which causes are told apart: "very strong" evidence between two (Kass and Raftery 1995)."""
+"""Of -2 log likelihood: three standard errors, by which causes are told apart, and one exceeds those that are less likely."""
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 
 
@@ -502,7 +500,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
     ]
     for number, hypothesis in enumerate(tested.hypotheses):
         size, is_filter = float(sizes[number]), hypothesis.kind == FILTER
-        beyond = gains[number] > (_CHANCE_OF_FILTER if is_filter else limit - DISTINCT) or masses[number]
+        beyond = gains[number] > (_CHANCE_OF_FILTER if is_filter else limit - AS_LIKELY) or masses[number]
         if not (beyond and small[number]):
             continue
         forces = forces or link_forces(optimum, tested.structure)
@@ -527,7 +525,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
         is_beyond = cause.gain > limit or ((is_filter or masses[number]) and cause.shift > _SHIFTED)
         (causes if is_beyond else others).append(cause)
     first = min(causes, key=likeliest_first, default=None)
-    least = first.gain - DISTINCT if first is not None and first.is_instrument else np.inf
+    least = first.gain - AS_LIKELY if first is not None and first.is_instrument else np.inf
     return (*causes, *(cause for cause in others if cause.term and cause.gain > least))
 
 
