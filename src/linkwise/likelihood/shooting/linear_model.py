@@ -50,7 +50,7 @@ from linkwise.likelihood.shooting.tangents import (
 )
 from linkwise.runtime import processors
 
-TOLERANCE = 3e-4
+TOLERANCE = 1e-3
 """Of the largest sensitivity to an unknown, all in units of the noise and of the defects: the largest that is left out."""
 _CLUSTER = 6  # masses at most
 _EVENLY, _STEEPEST = 8, 16  # segments whose sensitivities are computed for the whole structure
