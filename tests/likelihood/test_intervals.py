@@ -16,6 +16,7 @@ from structures import oscillator
 from within import assert_within
 
 import linkwise as lw
+from linkwise.likelihood.checks import horizons
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.optima import profiles
 from linkwise.likelihood.search import BlockScores
@@ -300,3 +301,27 @@ def test_scores_of_blocks_that_hold_unequal_information(held: float) -> None:
     covered = np.mean(np.abs(off) < 1.96 * errors)
     assert 0.93 < covered < 0.99
     assert np.median(errors / (noise * np.sqrt(np.linalg.inv(along).diagonal()))) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("moves", "held"), [((9.0, 3.0, 0.2), 3.0), ((0.2, 0.2, 0.3), 0.7), ((0.2, 3.0), 3.2)]
+)
+def test_approximate_intervals_hold_the_changes_along_the_path_from_the_horizon_before(
+    monkeypatch: pytest.MonkeyPatch, moves: tuple[float, ...], held: float
+) -> None:
+    """`moves` from each horizon to the next, in standard errors: the answer is where the path is flat for the first time."""
+    spring = oscillator("k*d + c*v", k=900.0, c=0.6)
+    record = lw.simulate(spring, duration=4.0, rate=200.0, release={"x:m1": 0.03}).with_noise(40.0, seed=1)
+    fit = likelihood_fit([record], spring.unknown("all"), np.array([900.0, 0.6]))
+    errors = np.sqrt(fit.covariance.diagonal())
+    values = [fit.values + move * errors for move in np.cumsum([0.0, *moves])]
+    misfit = fit.optimum.misfit
+    points = [replace(misfit, point=replace(misfit.point, theta=each)) for each in values]
+    there = [replace(fit, optimum=replace(fit.optimum, misfit=each)) for each in points]
+    path = [horizons._Horizon(each, errors) for each in there]
+    monkeypatch.setattr(horizons, "_path", lambda _: path)
+    answer = horizons.over_horizons(fit)
+    assert isinstance(answer, LikelihoodFit)
+    flat = next(number for number, move in enumerate(moves) if move <= 0.5)
+    assert np.array_equal(answer.values, values[flat])
+    assert np.allclose(answer.covariance - fit.covariance, np.diag((held * errors) ** 2), rtol=1e-9, atol=0.0)

@@ -4,8 +4,9 @@ Where laws are wrong by more than the noise, the likeliest relaxation is that of
 motion tells hardly anything and what is missing goes into the coefficients. So the motion is held to the laws over longer and
 longer horizons. The answer is that of the loosest horizon from which on the coefficients hardly move: the values of this form
 of the laws that come closest over motion like that of the records (White, Econometrica 50, 1982). Its standard errors are
-those of the scores of separate blocks of the records at the common optimum, and hold the change to the tighter horizons. They
-may be less than white noise would give: a force that does no work over a period leaves a damping alone.
+those of the scores of separate blocks of the records at the common optimum, and hold the change to the tighter horizons and
+that from the one before, as where the first of several is flat is partly luck. They may be less than white noise would give:
+a force that does no work over a period leaves a damping alone.
 
 What a model error or noise of an input hides: a missing term that explains most of what is left without it, or a change.
 
@@ -84,7 +85,7 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | str:
     least = int(np.argmin(moves)) if moves else 0
     chosen = next((number for number, move in enumerate(moves) if move <= _FLAT), least)
     answer = path[chosen].fit
-    moved = [later.fit.values - answer.values for later in path[chosen:]]
+    moved = [other.fit.values - answer.values for other in path[max(chosen - 1, 0) :]]
     return replace(answer, covariance=answer.covariance + np.diag(np.max(np.square(moved), axis=0)))
 
 
