@@ -31,7 +31,6 @@ from linkwise.likelihood.shooting.linear_model import eliminated_rows, linear_mo
 from linkwise.likelihood.shooting.normal_equations import (
     FactoredModel,
     add_prior_curvature,
-    is_rounded,
     linearise,
     precise_model,
 )
@@ -295,9 +294,6 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Quadr
         return augmented_quadratic(optimum, candidates).in_units(optimum, units)
 
 
-_WHOLE = 50_000_000  # numbers in the columns of all nodes, 0.2 GB in single precision: more stand in no array
-
-
 def augmented_quadratic(
     optimum: Optimum,
     candidates: CandidateForces,
@@ -313,13 +309,10 @@ def augmented_quadratic(
     parameters, added = segments.system.parameters.size, sum(extra_columns(candidates, errors))
     own, total = parameters + added, segments.parameters + added
     estimated, of_sensors = np.r_[:parameters, own:total], np.arange(own, total)  # offsets and gains follow
-    wide = segments.count * segments.system.dimension * total > _WHOLE
-    if optimum.coloured is None and (wide or is_long(segments)):
+    if optimum.coloured is None and is_long(segments):
         border = tested_in_pieces(misfit, q, candidates, errors, estimated)
-        linear = linear_model(misfit, blocks=blocks) if wide else None
-        if border is not None and not (linear and is_rounded(linear, border, q, parameters)):
-            model = FactoredModel(linear, border.within(estimated)) if linear else None
-            return Quadratic(border.schur, border.reduced, None, model).without(of_sensors)
+        if border is not None:
+            return Quadratic(border.schur, border.reduced).without(of_sensors)
     linear = linear_model(misfit, candidates, errors, blocks)
     linear, border = precise_model(linear, q, own=parameters, kept=estimated)
     if border is None:
