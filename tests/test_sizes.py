@@ -8,34 +8,34 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34977  # lines of all files of tests
+TESTS = 35084  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (11, 2018),
+    "absorption": (11, 2016),
     "analysis": (4, 482),
-    "cli": (20, 1839),
-    "discovery": (19, 3296),
-    "estimates": (8, 1465),
+    "cli": (20, 1850),
+    "discovery": (19, 3277),
+    "estimates": (8, 1532),
     "export": (8, 702),
     "expression": (6, 1045),
-    "files": (14, 1932),
-    "identification": (12, 2356),
-    "inspection": (9, 1846),
-    "likelihood": (65, 13575),
+    "files": (14, 1933),
+    "identification": (12, 2292),
+    "inspection": (9, 1840),
+    "likelihood": (65, 13423),
     "modal": (5, 840),
-    "model": (16, 2962),
+    "model": (16, 2952),
     "paper": (3, 358),
-    "plot": (12, 1791),
+    "plot": (12, 1744),
     "records": (9, 1445),
     "report": (12, 1029),
-    "response": (13, 1810),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (12, 974),
-    "signals": (6, 834),
+    "response": (13, 1768),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "root": (12, 984),
+    "signals": (6, 830),
     "simulation": (9, 1587),
-    "sindy": (8, 1008),
-    "study": (8, 1398),
-    "weak": (8, 1669),
+    "sindy": (8, 1006),
+    "study": (8, 1395),
+    "weak": (8, 1576),
 }
 
 

@@ -137,8 +137,8 @@ def other_places_of_rest(
     if is_shown or identified.hosts or len(identified.links) != identified.size:
         return
     orbit = fit.misfit.trajectories.links
-    for k, number in enumerate(fit.segments.system.order.tolist()):
-        link = identified.links[number]
+    places_of_links = np.argsort(fit.segments.system.order)  # behind them are those of random forces
+    for link, k in zip(identified.links, places_of_links.tolist(), strict=False):
         names = [name for name in link.coefficients if f"{link.name}.{name}" in fit.names]
         if not link.law.is_plain or BASE in link.between:
             continue
