@@ -494,7 +494,7 @@ def asymmetric_wells(of: Examined, before: Judgement) -> Judgement | None:
     added, terms = hint
     remark = (
         f"The motion does not tell these laws from laws with {terms}, as of asymmetric wells; the intervals allow for that. "
-        "Record motion on both sides of d = 0 or, if they are known to be alike, state the term with 0."
+        "Record motion that crosses d = 0 for longer or, if they are known to be alike, state the term with 0."
     )
     return before.saying(remark, added)
 
