@@ -278,21 +278,33 @@ _ASYMMETRY = 0.1
 symmetric law by half of that."""
 
 
+_ONE_SIDE = 0.9
+"""Of the time, more on one side of d = 0 than on the other."""
+
+
 _OF_WELLS = 0.005
 """Of a coefficient, the same at least: wells whose forces differ by 1 %, which nobody calls symmetric, move it by that."""
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # of laws without a stiffness at d = 0
 def asymmetry(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     """What asymmetry that the records leave open adds to the covariance of a fit that leaves only noise; None where none is.
 
     In one well the rest position and the frequency are two facts, and with a term in d**2 a law has three coefficients for
     them: the residuals stay noise, and those of a symmetric law are off by many standard errors. Wells that are crossed for a
-    part of the record tell little more: coefficients were nine errors off beside a score of one. Other motion on both sides of
-    d = 0 tells an asymmetry of itself.
+    part of the record tell little more: coefficients were nine errors off beside a score of one. Motion on both sides of a
+    single place of rest tells an asymmetry of itself.
     """
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    known = {link.name for link in tested.structure.links if ASYMMETRY in linear_terms(link)}
-    numbers = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where not in known)
+    links, d = tested.structure.links, fit.misfit.trajectories.links[:, 0]
+    leaning = np.abs(np.sign(d).mean(axis=(0, 2)))[np.argsort(fit.segments.system.order)]
+    open_ones = {
+        link.name
+        for link, side in zip(links, leaning, strict=False)  # behind them are those of random forces
+        if (side > _ONE_SIDE or (link.law.is_plain and float(link.stiffness(0.0)) < 0.0))
+        and ASYMMETRY not in linear_terms(link)
+    }
+    numbers = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where in open_ones)
     held = list(_bounded(fit, tested, numbers, deviations, most=_ASYMMETRY, least=_OF_WELLS))
     if not held:
         return None
