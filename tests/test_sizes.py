@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35084  # lines of all files of tests
+TESTS = 35086  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1933),
     "identification": (12, 2292),
     "inspection": (9, 1840),
-    "likelihood": (65, 13423),
+    "likelihood": (66, 13433),
     "modal": (5, 840),
     "model": (16, 2952),
     "paper": (3, 358),

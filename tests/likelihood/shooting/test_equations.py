@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from present import present
 
-from linkwise.likelihood.shooting.normal_equations import BorderedSystem, covariance, excess
+from linkwise.likelihood.shooting.bordered_system import BorderedSystem, excess
+from linkwise.likelihood.shooting.normal_equations import covariance
 from linkwise.likelihood.shooting.segments import Scales
 
 

@@ -24,7 +24,8 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.normal_equations import BorderedSystem, linearise
+from linkwise.likelihood.shooting.bordered_system import BorderedSystem
+from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.residuals import Gaussian, Huber, Loss, Misfit, Student, evaluate
 from linkwise.likelihood.shooting.segmentation import Cut, cut_segments
 from linkwise.likelihood.shooting.segments import ClippedReadings, Iterate, Scales, Segments, SensorErrors

@@ -23,11 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Nodes
 from linkwise.likelihood.shooting.normal_equations import (
-    BorderedFactor,
-    BorderedSystem,
     Linearization,
-    Nodes,
     Sums,
     add_prior,
     chunks,

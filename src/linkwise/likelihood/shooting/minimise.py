@@ -29,17 +29,10 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor, border_step, excess
 from linkwise.likelihood.shooting.delay_polynomials import LARGEST
 from linkwise.likelihood.shooting.linear_model import LocalRows, Neighbourhood, groups_at, local_linearization
-from linkwise.likelihood.shooting.normal_equations import (
-    BorderedFactor,
-    Linearization,
-    border_step,
-    covariance,
-    excess,
-    firm_factor,
-    linearise,
-)
+from linkwise.likelihood.shooting.normal_equations import Linearization, covariance, firm_factor, linearise
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import MANY

@@ -41,7 +41,8 @@ from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.noise import residual_levels
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.normal_equations import BorderedFactor, Linearization, chunks, linearise
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor
+from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise
 from linkwise.likelihood.shooting.residuals import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import MANY
