@@ -16,7 +16,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 482),
     "cli": (20, 1850),
     "discovery": (19, 3277),
-    "estimates": (8, 1532),
+    "estimates": (8, 1529),
     "export": (8, 702),
     "expression": (6, 1045),
     "files": (14, 1933),

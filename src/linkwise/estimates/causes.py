@@ -257,10 +257,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         CLOCK: CauseKind("a clock of {0.where} that runs {size:.3g} ppm {faster}{remark}", "ppm"),
         SLIP: CauseKind("{0.where} that {lost} {size:.0f} sample{plural} at {0.source}", "1"),
         CLIPPED: CauseKind("{0.size:.0f} clipped sample{plural} of {0.where}", "1"),
-        HITS: CauseKind(
-            "hits of {0.where} whose {size:.0f} samples do not tell their force, without which the record was taken",
-            "1",
-        ),
+        HITS: CauseKind("gaps at hits of {0.where} whose {size:.0f} samples do not tell their force", "1"),
         SPIKES: CauseKind("{0.size:.0f} sample{plural} of {0.where} that are spikes", "1"),
         HUM: CauseKind("a hum of {0.where} at {0.size:.5g} Hz{remark}", "Hz"),
         WINDOW: CauseKind("an exponential window on {0.where} that falls by {0.size:.3g} 1/s", "1/s"),
