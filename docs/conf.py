@@ -15,6 +15,11 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "extensions"))
 from api_reference import FULL  # noqa: E402
 
+for (
+    name
+) in lw.plot.__all__:  # pictures are shown with the arguments that callers give, which their source has not
+    vars(getattr(lw.plot, name)).pop("__wrapped__", None)
+
 project = "linkwise"
 author = "The linkwise developers"
 copyright = author
