@@ -472,8 +472,7 @@ def _with_smoothing(record: Record, structure: Structure, equations: WeakEquatio
 
     A law that jumps by the rate, as friction, bends the motion within the window that smooths the rate, so that zeros of the
     rate move, by a part of the width of that window: coefficients change in proportion as rates are smoothed more. A law that
-    bends is biased by a higher power of the width, for which the proportion is a bound. Structures so large that they have no
-    covariance of all their parameters stay as they are.
+    bends is biased by a higher power of the width, for which the proportion is a bound.
     """
     if not (_rated_links(structure) and fit.free.any()):
         return fit

@@ -256,7 +256,7 @@ class WeakFit:
         Power of the residuals over that expected from noise, 1 for laws that fit.
     significance : array of shape (p,)
         The information of the record on each parameter beside the others, without what noise adds to it, over the standard
-        deviation of the latter; infinite at bounds, for large structures, and with priors.
+        deviation of the latter; infinite at bounds and with priors.
     """
 
     values: Floats
