@@ -435,7 +435,8 @@ def _stated_in_result(path: Path) -> dict[str, Any]:
         result = json.loads(path.read_text(encoding="utf-8"))
         status, grade = str(result["status"]), Grade(result.get("grade", "refused"))
         error = 0.0 if grade is Grade.REFUSED else float(result.get("model_error_percent") or 0.0) / 100.0
-        visited = {str(link["name"]): link["range"]["d"] for link in result.get("links", ())}
+        moved = [link for link in result.get("links", ()) if (link.get("range") or {}).get("d")]
+        visited = {str(link["name"]): link["range"]["d"] for link in moved}
         stated = {
             "basis": Basis(grade, status),
             "ranges": {name: (float(low), float(high)) for name, (low, high) in visited.items()},
