@@ -34,7 +34,7 @@ _NEAREST, _FARTHEST = 0.1, 300.0  # deviations of the motion that a place of res
 _GRID = 161  # places on either side, at equal ratios
 _ROUNDS = 4  # of finer grids
 _APART = 4.0  # standard errors beyond which values are others
-_SAME = 1e-6  # relative: forces, and places beside the motion, that are the same
+_SAME = 1e-6  # relative: forces that are the same
 _CERTAIN = 10.0  # standard errors: laws whose coefficients are known that well leave no doubt about the place of rest
 
 
@@ -137,20 +137,30 @@ def other_places_of_rest(
     if is_shown or identified.hosts or len(identified.links) != identified.size:
         return
     orbit = fit.misfit.trajectories.links
+    deviations = dict(zip(fit.names, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0)), strict=True))
     places_of_links = np.argsort(fit.segments.system.order)  # behind them are those of random forces
     for link, k in zip(identified.links, places_of_links.tolist(), strict=False):
         names = [name for name in link.coefficients if f"{link.name}.{name}" in fit.names]
-        if not link.law.is_plain or BASE in link.between:
+        if not names or not link.law.is_plain or BASE in link.between:
             continue
+        told: set[str] = set()
         d, v = orbit[:, 0, k].ravel(), orbit[:, 1, k].ravel()
         force, span = link.force(d, v, {}), float(np.ptp(d))
         places = np.linspace(d.min() - span, d.max() + span, _GRID)
         at_places = partial(_at_rest, link)
-        for n in np.flatnonzero(np.diff(np.sign([at_places(place) for place in places]))).tolist():
+        crossed = (
+            np.abs(np.diff(np.sign([at_places(place) for place in places]))) > 0.0
+        )  # never where one is not finite
+        for n in np.flatnonzero(crossed).tolist():
             rest = scipy.optimize.brentq(at_places, places[n], places[n + 1])
             solved, left = regressed(link, d - rest, v, force, link.values, names)
-            if abs(rest) > _SAME * span and left < _SAME**2 * float(force @ force):
-                values = enumerated([f"{link.name}.{name} = {value:.4g}" for name, value in solved.items()])
+            apart = any(
+                abs(value - link.values[name]) > _APART * deviations[f"{link.name}.{name}"]
+                for name, value in solved.items()
+            )
+            values = enumerated([f"{link.name}.{name} = {value:.4g}" for name, value in solved.items()])
+            if apart and values not in told and left < _SAME**2 * float(force @ force):
+                told.add(values)
                 yield (
                     f"No channel shows where the masses rest: counted from another place of rest, the same law of {link.name} "
                     f"has {values}."
